@@ -451,6 +451,12 @@ TEST(Draco, RefusesWhatItCannotHoldAndSaysWhy) {
     bad.positions[7].y() = NAN;
     EXPECT_EQ(message(bad, {}).find("the position of point 7 is not finite"), 0U);
     bad = cloud;
+    bad.normals.assign(10, Vec3f(0, 0, 1));
+    bad.normals[3].x() = NAN;
+    EXPECT_EQ(message(bad, {}),
+              "the normal of point 3 is not finite, which Draco cannot quantise: make such normals "
+              "zero (`clean` does)");
+    bad = cloud;
     add(bad, "time", std::vector<double>(10, 0.5));
     EXPECT_EQ(message(bad, {.coding = DracoCoding::KdTree, .precision = {}}),
               "kd-tree coding: attribute 'time' has doubles, which it cannot hold; use sequential "
@@ -508,7 +514,11 @@ TEST(Draco, ReadsAttributesOfOtherPrograms) {
     draco::EncoderBuffer buffer;
     ASSERT_TRUE(encoder.EncodeToBuffer(&buffer).ok());
 
-    const PointCloud cloud = decode_cloud(std::as_bytes(std::span(buffer.data(), buffer.size())));
+    DecodeReport report;
+    const PointCloud cloud =
+        decode_cloud(std::as_bytes(std::span(buffer.data(), buffer.size())), {}, {}, &report);
+    EXPECT_EQ(report.skipped, (std::vector<std::string>{"what float colours have beyond 8 bits",
+                                                        "name h\xc3\xb6he (m) → h_he_(m)"}));
     ASSERT_EQ(cloud.size(), 2U);
     EXPECT_TRUE(cloud.double_precision);
     EXPECT_EQ((cloud.origin + cloud.positions[1].cast<double>()).eval(),
@@ -525,6 +535,36 @@ TEST(Draco, ReadsAttributesOfOtherPrograms) {
     EXPECT_EQ(cloud.attributes[2].name, "generic_3");
     EXPECT_EQ(cloud.attributes[2].values,
               AttributeValues(std::vector{double(std::int64_t{1} << 40), -3.0}));
+}
+
+TEST(Draco, TellsWhatWideColoursAndIntegersLose) {
+    const auto lost = [](std::uint16_t red, std::int64_t id) {
+        draco::PointCloud geometry;
+        geometry.set_num_points(1);
+        const auto add_to = [&](draco::GeometryAttribute::Type type, draco::DataType data_type,
+                                const auto& values) {
+            draco::GeometryAttribute attribute;
+            attribute.Init(type, nullptr, std::uint8_t(values.size()), data_type, false,
+                           sizeof(values), 0);
+            const int at = geometry.AddAttribute(attribute, true, 1);
+            geometry.attribute(at)->buffer()->Write(0, values.data(), sizeof(values));
+        };
+        using Type = draco::GeometryAttribute::Type;
+        add_to(Type::POSITION, draco::DT_FLOAT32, std::array{0.F, 1.F, 2.F});
+        add_to(Type::COLOR, draco::DT_UINT16, std::array<std::uint16_t, 3>{red, 0, 65'535});
+        add_to(Type::GENERIC, draco::DT_INT64, std::array{id});
+        draco::ExpertEncoder encoder(geometry);
+        encoder.SetEncodingMethod(draco::POINT_CLOUD_SEQUENTIAL_ENCODING);
+        draco::EncoderBuffer buffer;
+        EXPECT_TRUE(encoder.EncodeToBuffer(&buffer).ok());
+        DecodeReport report;
+        decode_cloud(std::as_bytes(std::span(buffer.data(), buffer.size())), {}, {}, &report);
+        return report.skipped;
+    };
+    constexpr std::int64_t kHeld = std::int64_t{1} << 53;
+    EXPECT_EQ(lost(257, kHeld), std::vector<std::string>{});
+    EXPECT_EQ(lost(258, kHeld + 1), (std::vector<std::string>{"lower 8 bits of 16-bit colours",
+                                                              "digits of generic_2 beyond 2^53"}));
 }
 
 TEST(Draco, InItsOwnOrderIsSmallerAndHoldsTheSamePoints) {

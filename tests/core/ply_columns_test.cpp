@@ -164,6 +164,42 @@ TEST(PlyColumns, KeepsWholeNumbersThatMayBeLabelsAsThoseOfPoints) {
     }
 }
 
+TEST(PlyColumns, TellsOf64BitIntegersThatNoDoubleHolds) {
+    const auto lost = [](const std::string& property, const std::string& value) {
+        DecodeReport report;
+        decode(ascii("element vertex 2\n" + kXyz + "property " + property + "\n",
+                     "0 0 0 " + value + "\n0 0 0 " + value + "\n"),
+               &report);
+        return report.skipped;
+    };
+    const std::vector<std::string> digits{"digits of id beyond 2^53"};
+    EXPECT_EQ(lost("int64 id", "9007199254740993"), digits);
+    EXPECT_EQ(lost("int64 id", "-9007199254740993"), digits);
+    EXPECT_EQ(lost("uint64 id", "18446744073709551615"), digits);
+    EXPECT_EQ(lost("list uchar int64 id", "1 9007199254740993"), digits);
+    for (const std::string held : {"9007199254740992", "-9007199254740994", "-9223372036854775808"})
+        EXPECT_TRUE(lost("int64 id", held).empty()) << held;
+    EXPECT_TRUE(lost("double id", "9007199254740993").empty());
+
+    std::string binary = "ply\nformat binary_little_endian 1.0\nelement vertex 1\n" + kXyz +
+                         "property int64 id\nend_header\n";
+    binary += std::string(12, '\0');
+    append(binary, (std::int64_t{1} << 53) + 1);
+    DecodeReport report;
+    decode(binary, &report);
+    EXPECT_EQ(report.skipped, digits);
+}
+
+TEST(PlyColumns, TellsTheNamesThatHadToBeChanged) {
+    DecodeReport report;
+    const PointCloud cloud =
+        decode(ascii("element vertex 1\n" + kXyz + "property float 强度\nproperty float h\n",
+                     "0 0 0 1 2\n"),
+               &report);
+    EXPECT_EQ(cloud.attributes.at(0).name, "attribute");
+    EXPECT_EQ(report.skipped, std::vector<std::string>{"name 强度 → attribute"});
+}
+
 TEST(PlyColumns, LeavesOutNothingOfAnElementThatIsEmpty) {
     DecodeReport report;
     decode(ascii("element vertex 1\n" + kXyz +

@@ -272,6 +272,35 @@ TEST(PlyReader, NamesWhatFollowsTheLastVertex) {
               std::vector<std::string>{"24 bytes after the last vertex"});
 }
 
+TEST(PlyReader, NamesWhatIsBeyondTheHeaderAlsoWhereFacesFollow) {
+    const std::string header =
+        "element vertex 2\n" + kXyz + "element face 2\nproperty list uchar int i\n";
+    const auto skipped = [](const std::string& text) {
+        DecodeReport report;
+        decode(text, &report);
+        return report.skipped;
+    };
+    const std::string list = "face.i";
+    const std::vector<std::string> only{list};
+    const std::string points = "1 2 3\n4 5 6\n", faces = "3 0 1 2\n3 2 1 0\n";
+    EXPECT_EQ(skipped(ascii(header, points + faces + "\n")), only);
+    EXPECT_EQ(skipped(ascii(header, points + "3 0 1\n2\n3 2 1 0")), only);
+    EXPECT_EQ(skipped(ascii(header, points + ".7 .8 .9\n" + faces)),
+              (std::vector<std::string>{list, "1 line beyond all that the header declares"}));
+    EXPECT_EQ(skipped(ascii(header, points + faces + "\n" + faces)),
+              (std::vector<std::string>{list, "2 lines beyond all that the header declares"}));
+    EXPECT_EQ(skipped(ascii(header, "1 2 3\n\n4 5 6\n" + faces + faces)),
+              (std::vector<std::string>{list, "2 lines beyond all that the header declares"}));
+
+    std::string binary = "ply\nformat binary_little_endian 1.0\n" + header + "end_header\n";
+    for (int i = 0; i < 6; ++i) append(binary, 1.0F);
+    binary += std::string(2, '\0');  // faces without corners
+    EXPECT_EQ(skipped(binary), only);
+    EXPECT_EQ(skipped(binary + "\n"), only);
+    EXPECT_EQ(skipped(binary + std::string(3, 'x')),
+              (std::vector<std::string>{list, "3 bytes beyond all that the header declares"}));
+}
+
 TEST(PlyReader, ReadsLongTextAlikeOnAnyNumberOfThreads) {
     const PointCloud cloud = test::with_attributes(test::sphere(60'000, 0.1));
     std::string text = text_of(encode_ply(cloud, {.encoding = PlyEncoding::Ascii, .comments = {}}));

@@ -64,8 +64,9 @@ struct DecodeReport {
     std::uint64_t points = 0;  ///< points in the cloud, before any cleaning
     std::uint64_t faces = 0;   ///< ignored faces
     std::vector<std::string>
-        skipped;  ///< ignored elements and list properties, such as `face.vertex_indices`; what
-                  ///< follows the last vertex, and what 16-bit colours lose, in words
+        skipped;  ///< ignored elements and list properties, such as `face.vertex_indices`; in
+                  ///< words, what a file holds beyond all that its header declares, what 16-bit
+                  ///< colours and 64-bit integers lose, and the names that had to be changed
     std::vector<std::string>
         comments;  ///< `comment` and `obj_info` lines of a PLY header, without the keyword
 };
@@ -77,14 +78,14 @@ struct DecodeReport {
 /// of the box). Colours under their usual names (`red`, `r`, `diffuse_red`; 8 bits; 16 bits or
 /// more, which are scaled unless no value is above 255; or float 0..1) become `colors`; `nx ny nz`
 /// become `normals` (small integers as shares of their range); every other scalar property becomes
-/// an attribute, 64-bit integers one of doubles. An attribute whose name no PLY file can have, or
-/// needs for coordinates, normals or colours, gets another one: `h_he`, `red_2`. A list property of
-/// the points becomes an attribute of several components if all its lists have one length;
-/// otherwise it is ignored and named in the report. The type `bool` is a byte; numbers beyond a
-/// type's range become infinite or zero; unknown header lines before the first element are skipped
-/// and named in the report. Draco: point clouds and meshes (ignoring faces); generic attributes
-/// with their names from the metadata. Progressive: all points that the bytes contain, see
-/// `ProgressiveDecoder`.
+/// an attribute, 64-bit integers one of doubles, which hold all up to 2^53. An attribute whose name
+/// no PLY file can have, or needs for coordinates, normals or colours, gets another one: `h_he`,
+/// `red_2`. A list property of the points becomes an attribute of several components if all its
+/// lists have one length; otherwise it is ignored and named in the report. The type `bool` is a
+/// byte; numbers beyond a type's range become infinite or zero; unknown header lines before the
+/// first element are skipped and named in the report. Draco: point clouds and meshes (ignoring
+/// faces); generic attributes with their names from the metadata. Progressive: all points that the
+/// bytes contain, see `ProgressiveDecoder`.
 ///
 /// @param report  filled unless null.
 /// @throws Error(UnsupportedFormat) for bytes in none of these formats; Error(MalformedInput)

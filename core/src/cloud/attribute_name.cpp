@@ -53,7 +53,8 @@ Reduction reduction_of(std::string_view name, const AttributeValues& values) {
                : default_reduction(values);
 }
 
-void settle_names(PointCloud& cloud) {
+std::vector<std::string> settle_names(PointCloud& cloud) {
+    std::vector<std::string> changes;
     std::set<std::string, std::less<>> taken(kPlyAxes.begin(), kPlyAxes.end());
     if (!cloud.normals.empty()) taken.insert(kPlyNormals.begin(), kPlyNormals.end());
     if (!cloud.colors.empty())
@@ -66,8 +67,10 @@ void settle_names(PointCloud& cloud) {
             const std::string number = "_" + std::to_string(i);
             name = stem.substr(0, kLongest - number.size()) + number;
         }
+        if (name != attribute.name) changes.push_back("name " + attribute.name + " → " + name);
         attribute.name = std::move(name);
     }
+    return changes;
 }
 
 }  // namespace stipple

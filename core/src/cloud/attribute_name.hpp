@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace stipple {
 
@@ -29,6 +30,12 @@ Reduction reduction_of(std::string_view name, const AttributeValues& values);
 
 /// Gives each attribute a name that is allowed, no other has, and no PLY file of the cloud needs
 /// for its coordinates, normals or colours: `red_2`.
-void settle_names(PointCloud& cloud);
+/// @return  what was changed, in words: `name red → red_2`.
+std::vector<std::string> settle_names(PointCloud& cloud);
+
+/// For a report, where integers were rounded to doubles.
+inline std::string digits_lost_of(std::string_view name) {
+    return "digits of " + std::string(name) + " beyond 2^53";
+}
 
 }  // namespace stipple

@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <limits>
 #include <span>
+#include <string_view>
 #include <type_traits>
 #include <utility>
 #include <vector>
@@ -51,6 +52,10 @@ struct WideColors {
     static_assert(std::is_same_v<T, std::uint16_t> || std::is_floating_point_v<T>);
     static constexpr T kFull = std::is_integral_v<T> ? T(65'535) : T(1);
     using Color = std::array<T, 4>;  ///< red, green, blue, alpha
+    /// In words, what is lost of them where something is.
+    static constexpr std::string_view kLost = std::is_integral_v<T>
+                                                  ? "lower 8 bits of 16-bit colours"
+                                                  : "what float colours have beyond 8 bits";
 
     std::vector<Color> values;
 

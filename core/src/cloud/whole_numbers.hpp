@@ -1,8 +1,10 @@
 #pragma once
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <concepts>
+#include <cstdint>
 #include <vector>
 
 namespace stipple {
@@ -17,6 +19,15 @@ bool is_whole(T value) noexcept {
 template <std::floating_point T>
 bool are_whole(const std::vector<T>& values) {
     return std::ranges::all_of(values, is_whole<T>);
+}
+
+/// Whether a double has all digits of a whole number, as it does of all up to 2^53.
+template <std::integral T>
+constexpr bool fits_double(T value) noexcept {
+    if constexpr (sizeof(T) < 8) return true;
+    const auto bits = static_cast<std::uint64_t>(value);
+    const std::uint64_t size = value < 0 ? 0 - bits : bits;
+    return size >> 53U == 0 || size >> std::countr_zero(size) >> 53U == 0;
 }
 
 }  // namespace stipple

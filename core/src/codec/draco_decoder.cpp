@@ -6,6 +6,7 @@
 #include "cloud/box_of_most.hpp"
 #include "cloud/color_channel.hpp"
 #include "cloud/georeference.hpp"
+#include "cloud/whole_numbers.hpp"
 #include "codec/draco.hpp"
 #include "codec/draco_header.hpp"
 #include "codec/normal_scale.hpp"
@@ -14,6 +15,7 @@
 #include <draco/compression/decode.h>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <memory>
 #include <new>
 #include <stdexcept>
@@ -192,7 +194,7 @@ void read_positions(const draco::PointCloud& geometry, const PointAttribute& att
 /// As colours of T, 16 bits or floats; the attribute's values are such, or wider.
 template <typename T>
 void read_wide_colors(const draco::PointCloud& geometry, const PointAttribute& attribute,
-                      PointCloud& cloud) {
+                      PointCloud& cloud, DecodeReport& report) {
     const std::vector<T> flat = with_data_type(attribute.data_type(), [&]<typename From>() {
         return convert_values<From, T>(geometry, attribute,
                                        [](From v) { return to_wide_channel<T>(v); });
@@ -203,17 +205,18 @@ void read_wide_colors(const draco::PointCloud& geometry, const PointAttribute& a
     for (std::size_t i = 0; i < wide.values.size(); ++i)
         std::copy_n(flat.begin() + static_cast<std::ptrdiff_t>(i * step), step,
                     wide.values[i].begin());
-    wide.narrow(cloud.colors);
+    if (!wide.narrow(cloud.colors)) report.skipped.emplace_back(WideColors<T>::kLost);
 }
 
 void read_colors(const draco::PointCloud& geometry, const PointAttribute& attribute,
-                 PointCloud& cloud) {
+                 PointCloud& cloud, DecodeReport& report) {
     cloud.has_alpha = attribute.num_components() == 4;
     cloud.colors.resize(geometry.num_points());
     const draco::DataType type = attribute.data_type();
     if (type == draco::DT_FLOAT32 || type == draco::DT_FLOAT64)
-        return read_wide_colors<float>(geometry, attribute, cloud);
-    if (bytes_of(type) > 1) return read_wide_colors<std::uint16_t>(geometry, attribute, cloud);
+        return read_wide_colors<float>(geometry, attribute, cloud, report);
+    if (bytes_of(type) > 1)
+        return read_wide_colors<std::uint16_t>(geometry, attribute, cloud, report);
     const std::vector<std::uint8_t> flat = with_data_type(type, [&]<typename From>() {
         return convert_values<From, std::uint8_t>(geometry, attribute,
                                                   [](From v) { return to_channel(v); });
@@ -258,7 +261,8 @@ std::string original_type(const draco::PointCloud& geometry, int id) {
     return type;
 }
 
-AttributeValues read_values(const draco::PointCloud& geometry, int id) {
+/// @param rounded  set where a value is not kept as it is.
+AttributeValues read_values(const draco::PointCloud& geometry, int id, bool& rounded) {
     const PointAttribute& attribute = *geometry.attribute(id);
     if (attribute.data_type() == draco::DT_FLOAT64) {
         const std::string type = original_type(geometry, id);
@@ -270,13 +274,19 @@ AttributeValues read_values(const draco::PointCloud& geometry, int id) {
     return with_data_type(attribute.data_type(), [&]<typename From>() -> AttributeValues {
         // There is no attribute of 64-bit integers: a double holds them up to 2^53.
         using T = std::conditional_t<std::is_integral_v<From> && sizeof(From) == 8, double, From>;
-        return read_as<T>(geometry, attribute);
+        return convert_values<From, T>(geometry, attribute, [&rounded](From v) {
+            if constexpr (std::is_integral_v<From>) rounded = rounded || !fits_double(v);
+            return static_cast<T>(v);
+        });
     });
 }
 
-void read_attribute(const draco::PointCloud& geometry, int id, PointCloud& cloud) {
-    AttributeValues values = read_values(geometry, id);
+void read_attribute(const draco::PointCloud& geometry, int id, PointCloud& cloud,
+                    DecodeReport& report) {
+    bool rounded = false;
+    AttributeValues values = read_values(geometry, id, rounded);
     std::string name = name_of(geometry, id);
+    if (rounded) report.skipped.push_back(digits_lost_of(name));
     const Reduction reduction = reduction_of(name, values);
     cloud.attributes.push_back({std::move(name), std::move(values),
                                 static_cast<unsigned>(geometry.attribute(id)->num_components()),
@@ -330,14 +340,14 @@ PointCloud decode_draco(std::span<const std::byte> file, const DecodeLimits& lim
             const float scale = with_data_type(attribute.data_type(), normal_scale);
             for (Vec3f& normal : cloud.normals) normal *= scale;
         } else if (id == colors && (components == 3 || components == 4)) {
-            read_colors(*geometry, attribute, cloud);
+            read_colors(*geometry, attribute, cloud, report);
         } else {
-            read_attribute(*geometry, id, cloud);
+            read_attribute(*geometry, id, cloud, report);
         }
         context.checkpoint(0.7 + 0.3 * (id + 1) / geometry->num_attributes());
     }
     read_origin(*geometry, cloud);
-    settle_names(cloud);
+    std::ranges::move(settle_names(cloud), std::back_inserter(report.skipped));
 
     report.encoding = header.encoding;
     report.points = geometry->num_points();

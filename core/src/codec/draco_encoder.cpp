@@ -55,12 +55,11 @@ bool are_finite(std::span<const Vec3f> vectors) {
 }
 
 template <typename Vectors>
-void require_finite(const Vectors& vectors, const char* what) {
+void require_finite(const Vectors& vectors, const char* what, const char* remedy) {
     const auto found = std::ranges::find_if(vectors, [](const Vec3f& v) { return !v.allFinite(); });
     if (found == vectors.end()) return;
     refuse(what, " of point ", found - vectors.begin(),
-           " is not finite, which Draco cannot quantise: remove such points (`clean`; jobs and "
-           "commands do)");
+           " is not finite, which Draco cannot quantise: ", remedy);
 }
 
 /// The longest side of the box of the positions, and the largest coordinate: what the error of a
@@ -444,8 +443,9 @@ std::vector<std::byte> encode(Cloud& cloud, const DracoEncodeOptions& options,
     check(options);
     validate(cloud);
     if (options.position_bits != 0 || options.precision)
-        require_finite(cloud.positions, "the position");
-    require_finite(cloud.normals, "the normal");
+        require_finite(cloud.positions, "the position",
+                       "remove such points (`clean`; jobs and commands do)");
+    require_finite(cloud.normals, "the normal", "make such normals zero (`clean` does)");
     unsigned position_bits = options.position_bits;
     double step = 0;
     if (position_bits != 0 || options.precision) {

@@ -150,31 +150,59 @@ const char* end_of_lines(const TextBlocks& blocks, std::size_t lines) {
     return position;
 }
 
-/// What follows the vertices is not kept, but it must be there. Counting lines settles that for
-/// nearly every file.
-void check_following(AsciiCursor cursor, std::span<const PlyElement> following,
-                     const TextBlocks& blocks, std::size_t rows, const RunContext& context) {
-    double expected = static_cast<double>(rows);
-    for (const PlyElement& element : following) {
-        if (!element.properties.empty()) expected += static_cast<double>(element.count);
-    }
-    const std::size_t lines = blocks.newlines() + (blocks.text.ends_with('\n') ? 0 : 1);
-    if (static_cast<double>(lines) >= expected) return;
-    cursor.seek(end_of_lines(blocks, rows));
-    for (const PlyElement& element : following) skip_element(cursor, element, context);
-}
-
-/// Names lines that follow all that the header declares.
-void report_surplus(std::string_view text, DecodeReport& report) {
+/// Of those that are not blank.
+std::size_t count_lines(std::string_view text) {
     std::size_t lines = 0;
     while (!text.empty()) {
         const std::string_view line = text.substr(0, text.find('\n'));
         if (!std::ranges::all_of(line, ply_number::is_blank)) ++lines;
         text.remove_prefix(std::min(text.size(), line.size() + 1));
     }
-    if (lines > 0)
-        report.skipped.push_back(std::to_string(lines) + (lines == 1 ? " line" : " lines") +
-                                 " after the last vertex");
+    return lines;
+}
+
+/// Whether the elements are all that is left of the text.
+bool end_the_text(AsciiCursor cursor, std::span<const PlyElement> elements,
+                  const RunContext& context) {
+    try {
+        for (const PlyElement& element : elements) skip_element(cursor, element, context);
+    } catch (const Error&) {
+        return false;
+    }
+    cursor.skip_blanks();
+    return cursor.remaining() == 0;
+}
+
+/// What follows the vertices is not kept, but it must be there. Counting lines settles that for
+/// nearly every file.
+/// @return  how many lines there are beyond all that the header declares.
+std::size_t check_following(AsciiCursor cursor, std::span<const PlyElement> following,
+                            const TextBlocks& blocks, std::size_t rows, const RunContext& context) {
+    cursor.seek(end_of_lines(blocks, rows));
+    const std::string_view rest(cursor.position(), cursor.remaining());
+    if (following.empty()) return count_lines(rest);
+    double expected = 0;
+    for (const PlyElement& element : following) {
+        if (!element.properties.empty()) expected += static_cast<double>(element.count);
+    }
+    const std::size_t all = blocks.newlines() + (blocks.text.ends_with('\n') ? 0 : 1);
+    const double left = static_cast<double>(all) - static_cast<double>(rows);
+    if (left == expected) return 0;
+    if (left < expected) {
+        for (const PlyElement& element : following) skip_element(cursor, element, context);
+        return 0;
+    }
+    const std::size_t lines = count_lines(rest);
+    if (static_cast<double>(lines) <= expected || end_the_text(cursor, following, context))
+        return 0;
+    return lines - static_cast<std::size_t>(expected);
+}
+
+/// Names lines beyond all that the header declares.
+void report_surplus(std::size_t lines, bool after_vertices, DecodeReport& report) {
+    if (lines == 0) return;
+    report.skipped.push_back(std::to_string(lines) + (lines == 1 ? " line" : " lines") +
+                             surplus_place(after_vertices));
 }
 
 }  // namespace
@@ -205,6 +233,8 @@ PointCloud decode_ascii_ply(const PlyLayout& layout, const RunContext& context,
                             " after all that the header declares: lines may have more values "
                             "than the " +
                             std::to_string(vertex->properties.size()) + " properties of a vertex");
+        report_surplus(count_lines({cursor.position(), cursor.remaining()}), following.empty(),
+                       report);
         return cloud;
     }
 
@@ -212,14 +242,15 @@ PointCloud decode_ascii_ply(const PlyLayout& layout, const RunContext& context,
     const RowReader<AsciiCursor> read_row(destination.columns);
     const TextBlocks blocks = cut_into_blocks({cursor.position(), cursor.remaining()}, context);
     const std::size_t rows = destination.rows();
+    std::size_t surplus = 0;
     if (!read_lines_in_blocks(cursor, blocks, read_row, rows, context)) {
         read_lines(cursor, read_row, rows, context);
         for (const PlyElement& element : following) skip_element(cursor, element, context);
+        surplus = count_lines({cursor.position(), cursor.remaining()});
     } else {
-        check_following(cursor, following, blocks, rows, context);
-        cursor.seek(end_of_lines(blocks, rows));
+        surplus = check_following(cursor, following, blocks, rows, context);
     }
-    if (following.empty()) report_surplus({cursor.position(), cursor.remaining()}, report);
+    report_surplus(surplus, following.empty(), report);
     return destination.finish(report);
 }
 

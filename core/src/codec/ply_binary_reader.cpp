@@ -229,6 +229,15 @@ PointCloud decode_rows(BinaryCursor<kSwap>& cursor, const PlyLayout& layout,
     return destination.finish(report);
 }
 
+/// Less than a point may be a line's end; but of points that were passed as faces any part may be
+/// left.
+bool is_surplus(std::span<const std::byte> rest, const PlyLayout& layout, bool after_vertices) {
+    if (after_vertices)
+        return rest.size() >= std::max<std::uint64_t>(1, layout.vertex->least_bytes());
+    return !std::ranges::all_of(
+        rest, [](std::byte b) { return ply_number::is_blank(std::to_integer<char>(b)); });
+}
+
 template <bool kSwap>
 PointCloud decode(const PlyLayout& layout, const RunContext& context, DecodeReport& report) {
     BinaryCursor<kSwap> cursor(layout.file, body_start<kSwap>(layout, context));
@@ -243,11 +252,12 @@ PointCloud decode(const PlyLayout& layout, const RunContext& context, DecodeRepo
         cloud = element.has_list() ? decode_values(cursor, layout, context, report)
                                    : decode_rows(cursor, layout, context, report);
     }
-    // Less than a point may be a line's end.
-    if (&layout.header.elements.back() == layout.vertex &&
-        cursor.remaining() >= std::max<std::uint64_t>(1, layout.vertex->least_bytes()))
-        report.skipped.push_back(std::to_string(cursor.remaining()) +
-                                 " bytes after the last vertex");
+    const bool after_vertices = &layout.header.elements.back() == layout.vertex;
+    const std::span rest(cursor.position(), cursor.remaining());
+    if (is_surplus(rest, layout, after_vertices))
+        report.skipped.push_back(std::to_string(rest.size()) +
+                                 (rest.size() == 1 ? " byte" : " bytes") +
+                                 surplus_place(after_vertices));
     return cloud;
 }
 

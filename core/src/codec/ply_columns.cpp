@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <array>
+#include <iterator>
 #include <utility>
 
 namespace stipple {
@@ -41,16 +42,18 @@ PlyDestination::PlyDestination(const PlyLayout& layout, std::optional<Vec3d> ori
 PointCloud PlyDestination::finish(DecodeReport& report) {
     if (wide_ && !origin_) place_coordinates();
     if (!wide_colors_.values.empty() && !wide_colors_.narrow(cloud_.colors, alpha_apart_))
-        report.skipped.emplace_back("lower 8 bits of 16-bit colours");
+        report.skipped.emplace_back(WideColors<std::uint16_t>::kLost);
     if (!float_colors_.values.empty() && !float_colors_.narrow(cloud_.colors, alpha_apart_))
-        report.skipped.emplace_back("what float colours have beyond 8 bits");
+        report.skipped.emplace_back(WideColors<float>::kLost);
     cloud_.origin = origin_.value_or(Vec3d::Zero());
     cloud_.double_precision = wide_;
     for (Attribute& attribute : cloud_.attributes)
         attribute.reduction = reduction_of(attribute.name, attribute.values);
+    for (const auto& [property, any] : roundings_)
+        if (any) report.skipped.push_back(digits_lost_of(property->name));
     for (auto& [property, sink] : lists_) keep_or_report(*property, sink, report);
     if (layout_.has(PlyRole::Normal)) scale_normals();
-    settle_names(cloud_);
+    std::ranges::move(settle_names(cloud_), std::back_inserter(report.skipped));
     return std::move(cloud_);
 }
 
@@ -120,8 +123,11 @@ PlySink PlyDestination::sink_for(const PlyRole& role, const PlyProperty& propert
         case PlyRole::Attribute:
             break;
     }
-    if (!property.is_list()) return AttributeSink{&cloud_.attributes[attribute++].values};
-    lists_.emplace_back(&property, ListSink{values_of(property.type, 0), {}, true});
+    if (!property.is_list()) {
+        roundings_.emplace_back(&property, false);
+        return AttributeSink{&cloud_.attributes[attribute++].values, &roundings_.back().second};
+    }
+    lists_.emplace_back(&property, ListSink{values_of(property.type, 0), {}});
     return &lists_.back().second;
 }
 
@@ -157,6 +163,7 @@ void PlyDestination::keep_or_report(const PlyProperty& property, ListSink& list,
         report.skipped.push_back("vertex." + property.name);
         return;
     }
+    if (list.rounded) report.skipped.push_back(digits_lost_of(property.name));
     const Reduction reduction = reduction_of(property.name, list.values);
     cloud_.attributes.push_back(
         {property.name, std::move(list.values), static_cast<unsigned>(*list.length), reduction});

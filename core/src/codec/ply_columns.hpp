@@ -1,10 +1,12 @@
 #pragma once
 
 #include "cloud/color_channel.hpp"
+#include "cloud/whole_numbers.hpp"
 #include "codec/ply_cursor.hpp"
 #include "codec/ply_layout.hpp"
 #include "stipple/point_cloud.hpp"
 
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <deque>
@@ -71,8 +73,11 @@ struct WideColorSink {
 
 struct AttributeSink {
     AttributeValues* values;
+    std::atomic<bool>* rounded;  ///< set where a value is not kept as it is
     template <typename T>
     void operator()(std::size_t row, T value) const noexcept {
+        if constexpr (std::is_integral_v<T>)
+            if (!fits_double(value)) rounded->store(true, std::memory_order_relaxed);
         (*std::get_if<std::vector<Kept<T>>>(values))[row] = static_cast<Kept<T>>(value);
     }
 };
@@ -82,6 +87,7 @@ struct ListSink {
     AttributeValues values;
     std::optional<std::uint64_t> length;
     bool uniform = true;
+    bool rounded = false;  ///< a value is not kept as it is
 
     template <typename T, typename Cursor>
     void read(Cursor& cursor, const PlyProperty& property) {
@@ -94,8 +100,11 @@ struct ListSink {
             kept = {};
         }
         if (!uniform) return cursor.skip(property, count);
-        for (std::uint64_t i = 0; i < count; ++i)
-            kept.push_back(static_cast<Kept<T>>(cursor.template read<T>(property)));
+        for (std::uint64_t i = 0; i < count; ++i) {
+            const T value = cursor.template read<T>(property);
+            if constexpr (std::is_integral_v<T>) rounded = rounded || !fits_double(value);
+            kept.push_back(static_cast<Kept<T>>(value));
+        }
     }
 };
 
@@ -141,7 +150,9 @@ private:
     WideColors<std::uint16_t> wide_colors_;  ///< where the channels have 16 bits or more,
     WideColors<float> float_colors_;         ///< or are floats
     bool alpha_apart_ = false;               ///< it is of neither kind, though they are
-    std::deque<std::pair<const PlyProperty*, ListSink>> lists_;  // a deque: columns point into it
+    // Deques: columns point into them.
+    std::deque<std::pair<const PlyProperty*, std::atomic<bool>>> roundings_;
+    std::deque<std::pair<const PlyProperty*, ListSink>> lists_;
 };
 
 // Value after value.

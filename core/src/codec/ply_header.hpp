@@ -14,7 +14,8 @@
 namespace stipple {
 
 /// In the order of the alternatives of `AttributeValues`; then those that the format has not, but
-/// that tools over NumPy write: they are kept as doubles, exact up to 2^53.
+/// that tools over NumPy write: they are kept as doubles, exact up to 2^53; what that loses is
+/// reported.
 enum class PlyType : std::uint8_t {
     Int8,
     UInt8,
