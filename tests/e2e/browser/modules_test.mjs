@@ -284,13 +284,13 @@ test('The error of tiles is the mean over their surface, and the largest of any'
     const tile = (points, spacing, error, refine = 'REPLACE') => treeOf({
         boundingVolume: { box: [0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1] }, refine, extras: { points, spacing, error },
     });
-    const coarse = tile(100, 2, { mean: 4, max: 9 }), fine = tile(400, 0.5, { mean: 1, max: 12 });
-    assert.deepEqual(errorOfTiles([coarse, fine], 10), { mean: (400 * 4 + 100 * 1) / 500 / 10, max: 1.2 });
+    const coarse = tile(100, 2, { mean: 4, max: 9, meanConfidence: 0.3 }), fine = tile(400, 0.5, { mean: 1, max: 12, meanConfidence: 1.6 });
+    assert.deepEqual(errorOfTiles([coarse, fine], 10), { mean: (400 * 4 + 100 * 1) / 500 / 10, confidence: 200 / 500 / 10, max: 1.2 });
     assert.equal(errorOfTiles([], 10), null);
     assert.equal(errorOfTiles([coarse, tile(100, 2)], 10), null);
     // Of tiles that add to others those that have nothing added to them, all above included.
     const above = Object.assign(tile(100, 2, { mean: 8, max: 20 }, 'ADD'), { isLast: false });
-    assert.deepEqual(errorOfTiles([above, tile(100, 1, { mean: 2, max: 5 }, 'ADD')], 10), { mean: 0.2, max: 0.5 });
+    assert.deepEqual(errorOfTiles([above, tile(100, 1, { mean: 2, max: 5 }, 'ADD')], 10), { mean: 0.2, confidence: 0, max: 0.5 });
 });
 
 test('Of tiles that add to each other a tile is drawn with those above it, in splats as small as theirs', async () => {
@@ -317,6 +317,24 @@ test('Of tiles that add to each other a tile is drawn with those above it, in sp
     assert.deepEqual([root, left, right, finest].map((tile) => tile.isLast), [false, true, false, true]);
     assert.deepEqual(select(root, { ...view, finestLevel: 1 }).drawn, [root, left, right]);
     assert.deepEqual(select(root, { ...view, pixels: 9 }).drawn, [root]);
+});
+
+test('A mean that was estimated is no bound, unless what its file rounds is much more than what it may be off by', async () => {
+    const { errorText, intervalText, wholeErrorOf } = await moduleOf('loading/level_error.js');
+    const levelOf = (mean, half, rounding, samples = 100) => ({
+        file: { error: { mean: mean + rounding, max: 1 } },
+        error: { mean, diagonal: 1, relative: { mean, max: 1 }, forward: { samples, relative: { mean_confidence: half } } },
+    });
+    const told = (level, how) => errorText(wholeErrorOf(level), how).replaceAll('\u00a0', ' ');
+    assert.equal(told(levelOf(0.002, 0.000312, 1e-5)), '0.201 % \u00b1 0.031 %');
+    assert.equal(told(levelOf(0.002, 0.000312, 1e-5), { isShort: true }), '\u2248 0.201 %');
+    assert.equal(told(levelOf(0.002, 0.0015, 1e-5)), '\u2248 0.201 %');  // of few samples that met an error
+    assert.equal(told(levelOf(0.002, 0, 1e-5, 1)), '\u2248 0.201 %');  // of one
+    assert.equal(told(levelOf(0.002, 1e-5, 0.001)), '\u2264 0.3 %');
+    assert.equal(told(levelOf(0, 0, 0.001, 0)), '\u2264 0.1 %');
+    assert.equal(told({ ...levelOf(0.002, 0.0001, 0), file: undefined }), '0.2 % \u00b1 0.01 %');
+    assert.equal(told({ error: { relative: { mean: 0.002 } } }), '0.2 %');  // of a stream
+    assert.equal(intervalText({ mean: 0.002, confidence: Infinity }), '');
 });
 
 test('The ends of a range differ, and are told in one notation', async () => {

@@ -99,8 +99,8 @@ export const clickOnceMore = (button) => button.evaluate((it) => {
 export const shows = (page, points) => page.waitForFunction(
     (text) => document.getElementById('points').textContent === text, points.toLocaleString('en'));
 
-/** The number that a card tells, also of a bound. */
-export const figure = async (page, id) => parseFloat((await page.locator(`#${id}`).innerText()).replace('\u2264', ''));
+/** The number that a card tells, also of a bound or an estimate. */
+export const figure = async (page, id) => parseFloat((await page.locator(`#${id}`).innerText()).replace(/[\u2264\u2248]/, ''));
 
 /** Until the picture at rest is drawn. */
 export const rest = (page) => page.waitForFunction(() => document.documentElement.dataset.picture === 'rest');

@@ -1,4 +1,4 @@
-import { confidenceOf, drawnErrorOf, errorText, meanErrorOf } from '../loading/level_error.js';
+import { drawnErrorOf, errorText, intervalText, meanErrorOf } from '../loading/level_error.js';
 import { fadeWhereCut } from '../page/cut_edges.js';
 import { actOnSecondClick, byId, element, exchange, setHidden, whileSaying } from '../page/element.js';
 import * as format from '../page/format.js';
@@ -128,7 +128,7 @@ export class Hud {
         const errors = levels.map(meanErrorOf).filter((error) => error >= 0);
         const [least, most] = [Math.min(...errors.filter((error) => error > 0)), Math.max(...errors)];
         const error = shown && drawnErrorOf(shown);
-        byId.error.textContent = error ? errorText(error) : '–';
+        byId.error.textContent = error ? errorText(error, { isShort: true }) : '–';
         byId['error-name'].textContent = shown?.tiles ? 'Error in view' : 'Error';
         byId['error-figure'].title = error ? this.errorTitle(shown, error) : '';
         const hasBounds = least < most && this.type !== 'evaluate';  // of candidates none is a finer one
@@ -141,12 +141,11 @@ export class Hud {
     }
 
     /** The largest is that of all points of an evaluation alone: else it is that of the samples that were measured. */
-    errorTitle(shown, { mean, max, isBound }) {
-        const sure = shown.tiles ? undefined : confidenceOf(shown);
-        const measured = isBound ? shown.error.relative : { mean, max };
-        const ofMean = `Mean distance to the surface of the input ${format.percent(measured.mean)}${sure > 0 ? ` \u00b1 ${format.percent(sure)}` : ''} of its diagonal`;
+    errorTitle(shown, { mean, max, confidence, rounding = 0 }) {
+        const measured = rounding > 0 && !shown.tiles ? shown.error.relative : { mean: mean - rounding, max };
+        const ofMean = `Mean distance to the surface of the input ${format.percent(measured.mean)}${intervalText({ ...measured, confidence })} of its diagonal`;
         const ofLargest = max >= 0 ? `, largest ${this.type === 'evaluate' ? '' : 'at least '}${format.percent(measured.max)}` : '';
-        const ofRounding = isBound && mean > measured.mean ? `; the file rounds places by up to ${format.percent(mean - measured.mean)} on average` : '';
+        const ofRounding = rounding > 0 ? `; the file rounds places by up to ${format.percent(rounding)} on average` : '';
         return `${ofMean}${ofLargest}${ofRounding}${shown.tiles ? '. For what is drawn: finer closer to the camera' : ''}`;
     }
 

@@ -1,6 +1,7 @@
 import { drawnErrorOf, errorText } from '../loading/level_error.js';
 import { byId, element, setHidden } from '../page/element.js';
 import * as format from '../page/format.js';
+import { isPhone } from '../page/sheet.js';
 
 const kStep = 0.02;
 const kOtherUnit = 100;  // times as large: metres and kilometres, not a part and the whole
@@ -128,5 +129,5 @@ function drawnOf({ drawn, points }) {
 function figuresOf(level, isMap) {
     const error = drawnErrorOf(level);
     const bytes = level.tiles ? [] : [format.bytes(level.file?.bytes ?? level.bytes)];
-    return [...(isMap ? [] : [drawnOf(level), ...bytes]), ...(error ? [`error\u00a0${errorText(error)}`] : [])];
+    return [...(isMap ? [] : [drawnOf(level), ...bytes]), ...(error ? [`error\u00a0${errorText(error, { isShort: isPhone() })}`] : [])];
 }

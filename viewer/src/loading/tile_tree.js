@@ -29,8 +29,9 @@ export function treeOf({ boundingVolume: { box }, geometricError, refine, conten
 }
 
 /**
- * How far what is drawn is from the input, in parts of its diagonal: `mean` over the surface, and `max`; null for what was not measured. Of tiles
- * that add to others each tells the error of all that is there with it, so that those count to which somewhere nothing is added.
+ * How far what is drawn is from the input, in parts of its diagonal: `mean` over the surface, sure to within its `confidence`, since each tile has samples of
+ * its own, and `max`; null for what was not measured. Of tiles that add to others each tells the error of all that is there with it, so that those count to
+ * which somewhere nothing is added.
  */
 export function errorOfTiles(tiles, diagonal) {
     const last = tiles.filter(({ isLast }) => isLast);
@@ -40,6 +41,7 @@ export function errorOfTiles(tiles, diagonal) {
     }
     return {
         mean: last.reduce((sum, tile) => sum + tile.surface * tile.measured.mean, 0) / surface / diagonal,
+        confidence: Math.hypot(...last.map((tile) => tile.surface * (tile.measured.meanConfidence ?? 0))) / surface / diagonal,
         max: last.reduce((largest, { measured }) => Math.max(largest, measured.max), 0) / diagonal,
     };
 }
