@@ -346,6 +346,8 @@ test('The ends of a range differ, and are told in one notation', async () => {
     assert.deepEqual(ends(-1.5e30, 2e30), ['\u22121.50e+30', '2.00e+30']);
     assert.deepEqual(ends(-1e-9, 1), ['0', '1']);
     assert.deepEqual(ends(5, 5), ['5', '5']);
+    assert.deepEqual(ends(1_700_000_038_912, 1_700_900_000_000, 200_000), ['1,700,000,000,000', '1,700,900,000,000']);
+    assert.deepEqual(ends(123_456.789, 123_456.912, 2 ** -6), ['123,456.79', '123,456.91']);
 });
 
 test('A value has the digits that it has', async () => {
@@ -355,6 +357,10 @@ test('A value has the digits that it has', async () => {
     assert.equal(value(Math.fround(0.1)), '0.1');
     assert.equal(value(-2), '\u22122');
     assert.equal(value(2e-9), '2.00e\u22129');
+    assert.equal(value(1_700_000_038_912, 200_000), '\u2248\u00a01,700,000,000,000');
+    assert.equal(value(1_300_000_047, 1), '\u2248\u00a01,300,000,047');
+    assert.equal(value(0, 1), '\u2248\u00a00');
+    assert.equal(value(1.5, 2 ** -22), '1.5');
 });
 
 test('A share of points is two numbers where they differ as they are shown', async () => {

@@ -407,7 +407,7 @@ await run({
 
     async 'A legend tells coordinates as they are in the file, and classes by their names'() {
         const points = Array.from({ length: 3000 }, (_, i) => [465_000 + i % 60, 5_247_000 + Math.floor(i / 60), 400 + (i % 7) / 10]);
-        const buffer = ply(points, false, { type: 'double', scalars: { classification: ([x]) => (x % 2 === 0 ? 2 : 6), gps_time: ([x]) => 1.3e9 + x - 465_000, pulse: ([x]) => 3.2e8 + 32 * (x % 7) } });
+        const buffer = ply(points, false, { type: 'double', scalars: { classification: ([x]) => (x % 2 === 0 ? 2 : 6), gps_time: ([x]) => 1.3e9 + x - 465_000, stamp: ([x]) => 1.7e12 + 10 * x, pulse: ([x]) => 3.2e8 + 32 * (x % 7) } });
         const before = await settledPyramid(page);
         await choose(page, { name: 'terrain.ply', buffer });
         await settledPyramid(page, before);
@@ -424,6 +424,10 @@ await run({
         await colorBy('pulse');
         await page.locator('#legend-name').getByText('Pulse').waitFor();
         assert.equal(await page.locator('#legend-scale').isVisible(), true);  // no categories, though there are few whole numbers
+        const mark = (end) => page.locator(`#legend-${end}`).evaluate((it) => getComputedStyle(it, '::before').content);
+        assert.equal(await mark('high'), '"\u2248 "');  // what was after the point is lost
+        await colorBy('stamp');
+        await page.locator('#legend-categories').getByText('\u2248\u00a01,700,005,000,000').waitFor();  // closer than single precision tells apart
         await colorBy('classification');
         await page.locator('#legend-categories').getByText('Building').waitFor();
         assert.equal(await page.locator('#legend-categories').innerText(), 'Ground\nBuilding');

@@ -91,7 +91,7 @@ export class LookCard {
         }
         const { of, unit } = scaleOf(level, by);
         const text = !Number.isFinite(value) ? 'no value' : range.categories ? range.categories.nameOf(value)
-            : unit ? `${format.quantity(of(value))} ${unit}` : format.value(value);
+            : unit ? `${format.quantity(of(value))} ${unit}` : format.value(value, colors.get(by).own.step);
         return `${new Map(this.choices(level)).get(by)}: ${text}`;
     }
 
@@ -109,7 +109,7 @@ export class LookCard {
             const isOfBoth = levels.every(({ coloring }) => coloring.by === values);
             const { of, unit } = scaleOf(told, values);
             const [low, high] = [of(range.low), of(range.high)];
-            const [lowText, highText] = format.ends(low, high);
+            const [lowText, highText] = format.ends(low, high, range.step);
             byId['legend-name'].textContent = [choices.get(values), unit, isOfBoth ? null : told === levels[0] ? 'left' : 'right'].filter(Boolean).join(', ');
             const categories = range.categories ?? (high > low ? null : constant(lowText));
             byId['legend-scale'].hidden = categories !== null;
@@ -119,6 +119,7 @@ export class LookCard {
             byId['legend-low'].textContent = lowText;
             byId['legend-low'].classList.toggle('beyond', range.below);
             byId['legend-high'].textContent = highText;
+            byId['legend-scale'].classList.toggle('rounded', format.isRounded(range.step));
             byId['legend-high'].classList.toggle('beyond', range.above);
         }
     }

@@ -45,8 +45,17 @@ const kMostWhole = 2 ** 31 - 2 ** 7;  // the largest float that is an int
 
 /** GPS times of one flight, 1.3e9 s and some, are one and the same float. */
 function wholeWhereLarge(values, whole) {
-    const isLarge = values.every((value) => Math.abs(value) <= kMostWhole) && values.some((value) => Math.abs(value) > kExact);
+    const isLarge = !values.some((value) => Math.abs(value) > kMostWhole) && values.some((value) => Math.abs(value) > kExact);
     return isLarge ? Float64Array.from(values, (value, i) => (Math.abs(value) > kExact ? whole[i] : value)) : values;
+}
+
+/** The step between the doubles that come through, of values that `decodeAttribute` gives: large ones are cut off after the point, others are floats. */
+export function stepOf(values, type) {
+    if (type !== 'float64') {
+        return 0;
+    }
+    const largest = values.reduce((most, value) => (Number.isFinite(value) ? Math.max(most, Math.abs(value)) : most), 0);
+    return values instanceof Float64Array ? 1 : 2 * largest / kExact;
 }
 
 async function decode(bytes, ids, types) {

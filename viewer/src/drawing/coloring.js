@@ -29,15 +29,17 @@ export const kGradient = `linear-gradient(90deg, ${Array.from({ length: 12 }, (_
  * Gives a level the colours that `by` names: `own` (of the cloud), `clay` (none), `normal`, `x`, `y`, `z`, or an attribute.
  * @param way  what is added to coordinates, a Vector3; @param range  of the values, where it is not to be the level's own
  * @returns {Promise<?Object>} where there are values: `low` and `high` at the ends of the colour map; whether some are `below` or `above`, and some `missing`;
- * `start`, to be added to what is told of them; `categories`, where they are few whole numbers, else null
+ * `start`, to be added to what is told of them; `step`, of those that lie closer together some are lost; `categories`, where they are few whole numbers, else null
  */
 export async function colorize(level, by, { way, range = null, signal }) {
     const { geometry } = level;
     level.colors ??= startingWith(geometry);
     if (!level.colors.has(by)) {
         const attribute = level.attributes.find(({ name }) => keyOf(name) === by);
-        const valueOf = valuesOf(geometry, by, way, attribute && { ...attribute, values: await attribute.read(signal) });
-        level.colors.set(by, { valueOf, own: valueOf && { ...rangeOf(geometry.getAttribute('position').count, valueOf, attribute), start: startOf(level, by, way) } });
+        const values = await attribute?.read(signal);
+        const valueOf = valuesOf(geometry, by, way, attribute && { ...attribute, values });
+        const step = attribute?.stepOf?.(values) ?? 0;
+        level.colors.set(by, { valueOf, own: valueOf && { ...rangeOf(geometry.getAttribute('position').count, valueOf, attribute, step), start: startOf(level, by, way), step } });
     }
     const colors = level.colors.get(by);
     const wanted = colors.own && (range ?? colors.own);
@@ -122,11 +124,11 @@ function colorsOfNormals(surface) {
 }
 
 /** What all but a few outliers lie between; of an attribute with few whole numbers, which these are. */
-function rangeOf(count, valueOf, attribute) {
-    const step = Math.ceil(count / kSampled);
+function rangeOf(count, valueOf, attribute, step) {
+    const stride = Math.ceil(count / kSampled);
     const sample = [];
     let isMissing = false;
-    for (let i = 0; i < count; i += step) {
+    for (let i = 0; i < count; i += stride) {
         if (Number.isFinite(valueOf(i))) {
             sample.push(valueOf(i));
         } else {
@@ -136,7 +138,8 @@ function rangeOf(count, valueOf, attribute) {
     sample.sort((a, b) => a - b);
     const at = (share) => sample[Math.round(share * (sample.length - 1))] ?? 0;
     const most = [at(kOutliers), at(1 - kOutliers)];
-    const [low, high] = most[0] < most[1] ? most : [at(0), at(1)];  // where most have one value, the few others are what there is to see
+    const ends = most[0] < most[1] ? most : [at(0), at(1)];  // where most have one value, the few others are what there is to see
+    const [low, high] = ends[1] - ends[0] > step ? ends : [ends[0], ends[0]];  // what may differ by rounding alone is one value
     const all = function* all() {
         for (let i = 0; i < count; i += 1) {
             if (Number.isFinite(valueOf(i))) {

@@ -2,14 +2,14 @@
 import { BufferAttribute, BufferGeometry, Vector3 } from 'three';
 
 import { getBytes } from '../api/api.js';
-import { decodeAttribute, decodeLevel } from '../decoding/draco_levels.js';
+import { decodeAttribute, decodeLevel, stepOf } from '../decoding/draco_levels.js';
 import { estimateSurfaceInWorker, readFilesInWorker } from './surface.js';
 
 /** Unique ids of attributes in our Draco files: those of position, normal and colour are less. */
 const kFirstAttributeId = 3;
 
 /**
- * What a level is read from: `files`, `attributes` (each can `read` its values), `load(buffers, level, signal)`: geometry with surface and the
+ * What a level is read from: `files`, `attributes` (each can `read` its values, and tell the `stepOf` them where some are lost), `load(buffers, level, signal)`: geometry with surface and the
  * spacing as it is; `file`: that of the whole level, where there is one.
  * @param manifest  of the pyramid or the job; @param number  of the level
  * @returns null where it has no file that can be shown
@@ -41,7 +41,11 @@ function ofDraco(file, attributes) {
     return {
         file,
         files: [file],
-        attributes: attributes.map((attribute, i) => ({ ...attribute, read: (signal) => read(kFirstAttributeId + i, attribute.type, signal) })),
+        attributes: attributes.map((attribute, i) => ({
+            ...attribute,
+            read: (signal) => read(kFirstAttributeId + i, attribute.type, signal),
+            stepOf: (values) => stepOf(values, attribute.type),
+        })),
         async load([buffer], level, signal) {
             return withSurface(await decodeLevel(buffer), level, signal);
         },

@@ -45,9 +45,16 @@ export function place(coordinates, size) {
     return coordinates.map((x) => withMinus(x.toLocaleString('en', { minimumFractionDigits: decimals, maximumFractionDigits: decimals }))).join('  ');
 }
 
-/** A value by itself: a whole number with all its digits, others with those that single precision has, or double. */
-export function value(x) {
+/**
+ * A value by itself: a whole number with all its digits, others with those that single precision has, or double.
+ * @param step  between the values that were told apart: of 1 and more, a value has only the digits that this leaves
+ */
+export function value(x, step = 0) {
     const size = Math.abs(x);
+    if (isRounded(step)) {
+        const digits = Math.max(1, Math.floor(Math.log10(Math.max(size, 1))) - placeOf(step) + 1);
+        return `\u2248\u00a0${withMinus(size >= kHuge ? x.toExponential(Math.min(2, digits - 1)) : x.toLocaleString('en', { maximumSignificantDigits: digits }))}`;
+    }
     if (x !== 0 && (size < kTiny || size >= kHuge)) {
         return withMinus(x.toExponential(2));
     }
@@ -55,19 +62,27 @@ export function value(x) {
     return withMinus(x.toLocaleString('en', Number.isInteger(x) ? {} : { maximumSignificantDigits: digits }));
 }
 
-/** The ends of a range: both in one notation, with as many digits as tell one from the other. */
-export function ends(low, high) {
+/** Whether whole numbers are rounded, too: that is told. */
+export const isRounded = (step) => step >= 1;
+
+/** The last place of a number that such a step leaves, as a power of ten. */
+const placeOf = (step) => (step > 0 ? Math.ceil(Math.log10(step / 2)) : -Infinity);
+
+/** The ends of a range: both in one notation, with as many digits as tell one from the other, and no more than a `step` leaves. */
+export function ends(low, high, step = 0) {
     const [largest, length] = [Math.max(Math.abs(low), Math.abs(high)), high - low];
     if (!(length > 0)) {
-        return [low, high].map(value);
+        return [low, high].map((x) => value(x, step));
     }
-    const step = Math.floor(Math.log10(length)) - 2;  // three digits of the difference
+    const last = Math.max(placeOf(step), Math.floor(Math.log10(length)) - 2);  // three digits of the difference
     if (largest < kTiny || largest >= kHuge) {
-        const digits = Math.min(15, Math.max(0, Math.floor(Math.log10(largest)) - step));
+        const digits = Math.min(15, Math.max(0, Math.floor(Math.log10(largest)) - last));
         return [low, high].map((x) => withMinus(x === 0 ? '0' : x.toExponential(digits)));
     }
-    const decimals = Math.min(12, Math.max(0, -step));
-    return [low, high].map((x) => withMinus(x.toLocaleString('en', { maximumFractionDigits: decimals })).replace(/^\u2212(?=[0.]+$)/, ''));
+    const decimals = Math.min(12, Math.max(0, -last));
+    const unit = 10 ** Math.max(0, placeOf(step));
+    const rounded = (x) => (unit > 1 ? unit * Math.round(x / unit) : x);
+    return [low, high].map((x) => withMinus(rounded(x).toLocaleString('en', { maximumFractionDigits: decimals })).replace(/^\u2212(?=[0.]+$)/, ''));
 }
 
 export const percent = (share) => `${quantity(100 * share)}\u00a0%`;
