@@ -337,6 +337,21 @@ test('A mean that was estimated is no bound, unless what its file rounds is much
     assert.equal(intervalText({ mean: 0.002, confidence: Infinity }), '');
 });
 
+test('What comes packed counts as it came over the line', async () => {
+    pretendBrowser({ storage: () => ({ getItem: () => null }) });
+    const { getBytes } = await moduleOf('api/api.js');
+    const headers = { 'Content-Encoding': 'br', 'Content-Length': '400' };
+    for (const [sent, expected] of [[headers, 400], [{ 'Content-Length': '1000' }, 1000], [{ 'Content-Encoding': 'br' }, 1000]]) {
+        globalThis.fetch = async () => new Response(new Uint8Array(1000), { headers: sent });
+        let [unpacked, onLine] = [0, 0];
+        const buffer = await getBytes('v1/file', undefined, (bytes, came) => {
+            unpacked += bytes;
+            onLine += came;
+        });
+        assert.deepEqual([buffer.byteLength, unpacked, onLine], [1000, 1000, expected]);
+    }
+});
+
 test('The ends of a range differ, and are told in one notation', async () => {
     const { ends } = await moduleOf('page/format.js');
     assert.deepEqual(ends(5_247_003.6, 5_247_297.2), ['5,247,004', '5,247,297']);

@@ -22,19 +22,25 @@ export async function getJson(url, signal) {
     return readJson(await send(url, { signal }));
 }
 
-/** @param onPiece  told how many bytes have come since it was last told */
+/** @param onPiece  told of what has come since it was last told: how many bytes, and how many came for them over the line, where they may be packed */
 export async function getBytes(url, signal, onPiece = () => {}) {
-    const reader = (await send(url, { signal })).body.getReader();
+    const response = await send(url, { signal });
+    const packed = packedLength(response);
+    const reader = response.body.getReader();
     const pieces = [];
     for (;;) {
         const { done, value } = await arrival(reader.read());
         if (done) {
+            onPiece(0, packed ?? 0);
             return new Blob(pieces).arrayBuffer();
         }
         pieces.push(value);
-        onPiece(value.length);
+        onPiece(value.length, packed === null ? value.length : 0);
     }
 }
+
+/** The bytes of a reply that the browser unpacks, or null: of another one, and of one that does not say. */
+const packedLength = ({ headers }) => (headers.get('Content-Encoding') && Number(headers.get('Content-Length'))) || null;
 
 /** The bytes from one on, as they come: `take` is called with each piece, and says whether that was enough. */
 export async function readBytes(url, from, take, signal) {

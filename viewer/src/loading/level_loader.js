@@ -194,10 +194,10 @@ export class LevelLoader {
     async receive(level, { href }) {
         let came = 0;
         try {
-            return await getBytes(href, this.signal, (bytes) => {
+            return await getBytes(href, this.signal, (bytes, onLine) => {
                 came += bytes;
                 level.arrived += bytes;
-                this.loadedBytes += bytes;
+                this.loadedBytes += onLine;
                 this.onBytes();
             });
         } catch (error) {

@@ -81,8 +81,7 @@ export class TileStream {
                 const { root } = await persist(() => getJson(address, this.signal), this.patience);
                 Object.assign(tile, treeOf(root, tile.level));
             } else {
-                const glb = await persist(() => getBytes(address, this.signal), this.patience);
-                bytes = glb.byteLength;
+                const glb = await persist(() => getBytes(address, this.signal, (_, onLine) => { bytes += onLine; }), this.patience);
                 const what = { files: [glb], kind: 'glb', offset: [0, 0, 0], isTile: true };
                 const read = await readFilesInWorker(what, { spacing: tile.spacing, points: tile.count }, this.signal);
                 tile.spacing = read.spacing;
