@@ -503,7 +503,10 @@ await run({
         assert.equal(await ratio.inputValue(), '4');
         await page.locator('#job-types').getByText('Simplify').click();
         assert.equal(await ratio.inputValue(), '0.1');
+        await page.locator('[name=points]').fill('800000');
+        assert.match(await page.locator('#job-problem').innerText(), /^Points 800,000: the cloud has only [\d,]+ points\.$/);
         await page.locator('[name=points]').fill('800');
+        assert.equal(await page.locator('#job-problem').isVisible(), false);
         assert.equal(await ratio.inputValue(), '');
         await page.locator('[name=points]').fill('');
         browser.refusalsExpected = true;

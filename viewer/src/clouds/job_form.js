@@ -1,5 +1,6 @@
 import { actOnSecondClick, byId, element } from '../page/element.js';
-import { fieldOf, valuesOf, worded, wordedProblem } from './job_fields.js';
+import * as format from '../page/format.js';
+import { fieldOf, titleOf, valuesOf, worded, wordedProblem } from './job_fields.js';
 
 /* global JOB_FORMS: the types of jobs and their fields, from openapi.yaml by build.mjs */
 const kTitles = { pyramid: 'Pyramid', simplify: 'Simplify', evaluate: 'Compare', upsample: 'Add points', analyze: 'Analyse', curve: 'Curve' };
@@ -24,6 +25,9 @@ const kPresetsOf = { simplify: { ratio: 0.1 }, upsample: { ratio: 4 } };
 /** Only one of these makes sense: filling it in empties the others. */
 const kOneOf = { simplify: ['points', 'ratio', 'max_error'], upsample: ['points', 'ratio'] };
 
+/** Of a type of job: how many points there are to be, at most as many as in its cloud. More are no error, but cannot be had. */
+const kCounts = { pyramid: ['levels', 'base_points'], simplify: ['points'], curve: ['points'] };
+
 /** What the server calls the fields of which there has to be one. */
 const kTarget = /^target: /;
 
@@ -44,9 +48,9 @@ export class JobForm {
             return button;
         }));
         byId['job-form'].oninput = ({ target }) => {
-            this.tell('');
             this.emptyOthers(target);
             this.showFitting();
+            this.tell(this.doubt());
         };
         byId['job-form'].onsubmit = (event) => {
             event.preventDefault();
@@ -96,6 +100,22 @@ export class JobForm {
         }
     }
 
+    /** What is asked for and cannot be had. */
+    doubt() {
+        const { points } = this.subject;
+        const countsOf = (name) => {
+            const part = this.parts[this.fields.findIndex((field) => field.name === name)];
+            return part.row.hidden ? [] : [part.value()].flat();
+        };
+        for (const name of kCounts[this.form.type] ?? []) {
+            const count = countsOf(name).find((asked) => asked > points);
+            if (count) {
+                return `${titleOf({ name })} ${format.count(count)}: the cloud has only ${format.points(points)}.`;
+            }
+        }
+        return '';
+    }
+
     /** Why a job was refused, at the field that the message begins with. */
     explain(message) {
         const { text, path } = wordedProblem(message.replace(kTarget, ''), this.fields);
@@ -128,12 +148,14 @@ export class JobForm {
         if (problem === '') {
             this.mark([]);
         }
-        byId['job-problem'].textContent = problem;
+        if (byId['job-problem'].textContent !== problem) {
+            byId['job-problem'].textContent = problem;  // said aloud
+        }
         byId['job-problem'].hidden = problem === '';
     }
 
     /**
-     * @param subject  what the job is for: `{cloud, name, attributes, others, presets}`; `others`: `{id, name}` of what it can be compared with,
+     * @param subject  what the job is for: `{cloud, name, points, attributes, others, presets}`; `points`: where they are known; `others`: `{id, name}` of what it can be compared with,
      * `presets`: what fields of a type of job start with for it
      */
     open(subject) {

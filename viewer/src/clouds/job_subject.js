@@ -1,7 +1,7 @@
 import { getManifest } from '../api/api.js';
 import * as format from '../page/format.js';
 import { pyramidFor } from './job_starter.js';
-import { inputOf, nameOf, summaryOf, titleOf } from './library.js';
+import { inputOf, keptOf, nameOf, summaryOf, titleOf } from './library.js';
 
 const kMostResults = 12;  // the newest
 /** Jobs with one level. Those of pyramids are too many to choose among, but for what is shown. */
@@ -13,7 +13,7 @@ export async function subjectOf(cloud, { clouds, jobs }, session) {
     const results = await Promise.all(jobs.filter(isOfIt).slice(0, kMostResults).map((job) => fileOf(job, cloud)));
     const others = [...levelsOf(session, cloud), ...results.flat(), ...clouds.map((other) => ({ id: other.id, name: nameOf(other) }))];
     return {
-        cloud: cloud.id, name: nameOf(cloud), attributes: attributesOf(cloud), presets: { pyramid: pyramidFor(cloud) },
+        cloud: cloud.id, name: nameOf(cloud), points: cloud.points && keptOf(cloud).points, attributes: attributesOf(cloud), presets: { pyramid: pyramidFor(cloud) },
         others: others.filter(({ id }, i) => id !== cloud.id && others.findIndex((other) => other.id === id) === i),
     };
 }
