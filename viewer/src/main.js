@@ -64,6 +64,7 @@ const hud = new Hud({
     onMap: () => starter.startMap(session),
     onFigures: () => {
         look.close();
+        sheet.close();  // on a phone it would lie on the figures
         view.toggleReport(session);
     },
     onRemove: () => removeResult(session).catch(showProblem),
@@ -93,6 +94,7 @@ const report = new Report({
     onSimplify: (points) => starter.startAsCurve(session.job, points),
     onPyramid: () => starter.startPyramid(library.cloudOf(session.job) ?? { id: inputOf(session.job), name: session.job.input_name }),
     onPlace: (candidate, place) => {
+        byId.stage.focus();
         report.hide();
         choose(candidate);
         if (stage.home) {
@@ -320,8 +322,8 @@ function listen() {
             f: () => byId.fit.click(),
             ' ': () => byId.rotate.click(),
             c: () => byId.compare.click(),
-            l: () => look.toggle(),
-            s: () => byId.share.click(),
+            l: () => look.toggle({ takesFocus: true }),
+            s: () => byId.share.disabled || share.toggle({ takesFocus: true }),
         },
     });
     watchCards(placeCloud);

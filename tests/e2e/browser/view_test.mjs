@@ -133,6 +133,21 @@ await run({
         await fetch(`${browser.url}/v1/clouds/${id}`, { method: 'DELETE' });
     },
 
+    async 'A card that a key opens has the focus, and gives it back'() {
+        const focused = () => page.evaluate(() => document.activeElement.id);
+        for (const [key, card, first] of [['l', 'look-card', 'color'], ['s', 'share-card', 'share-link']]) {
+            for (const end of ['Escape', key]) {
+                await page.locator('#level').press(key);
+                assert.equal(await focused(), first);
+                assert.equal(await page.locator(`[aria-controls=${card}]`).getAttribute('aria-expanded'), 'true');
+                await page.keyboard.press(end);
+                assert.equal(await focused(), 'level');
+                assert.equal(await page.locator(`#${card}`).isVisible(), false);
+            }
+        }
+        await page.getByRole('application', { name: 'The point cloud' }).waitFor();
+    },
+
     async 'By keys the cloud is moved, and a point is looked at'() {
         const view = () => page.evaluate(() => new URL(location.href).searchParams.get('view')?.split(',').map(Number) ?? null);
         const atRest = async (value) => {
@@ -416,7 +431,7 @@ await run({
             select.dispatchEvent(new Event('change'));
         }, by);
         await colorBy('x');
-        await page.locator('#legend-name').getByText('Position, x').waitFor();
+        await page.getByRole('region', { name: 'What is shown' }).getByRole('group', { name: 'Legend' }).getByText('Position, x').waitFor();
         assert.deepEqual(await page.locator('#legend-scale').innerText(), '465,000\n465,059');
         await colorBy('gps_time');
         await page.locator('#legend-name').getByText('Gps time').waitFor();

@@ -176,7 +176,7 @@ export class Hud {
             saved.unshift(action('ply', `Save ${format.kKinds.ply}`, 'Save what is shown', () => this.onDownload({ format: 'ply', ply })));
         }
         // Of a level with a file the figures tell whether it was measured, of one without its mean, which is 0 for the input itself.
-        const map = this.type === 'evaluate' ? [action('figures', 'Figures', 'Show the measurements', this.onFigures)]
+        const map = this.type === 'evaluate' ? [opensReport(action('figures', 'Figures', 'Show the measurements', this.onFigures))]
             : (ply ? meanErrorOf(level) > 0 : error?.samples > 0)
                 ? [action('map', 'Error map', 'Measure and show its distance from the input everywhere', whileSaying(kStages.evaluate, this.onMap))] : [];
         this.showActions(...saved, ...map);
@@ -228,6 +228,13 @@ export class Hud {
     showFirstPicture(ms) {
         byId['first-picture'].textContent = format.milliseconds(ms);
     }
+}
+
+/** A button of what is opened and closed by it. */
+function opensReport(button) {
+    button.setAttribute('aria-controls', 'report');
+    button.ariaExpanded = String(!byId.report.hidden);
+    return button;
 }
 
 /** @param name  by which the next one of its kind is known; @param text  or a text and what can be left out after it */

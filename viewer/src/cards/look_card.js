@@ -1,5 +1,5 @@
 import { kAxes, keyOf, kGradient, kGrey, kLowest } from '../drawing/coloring.js';
-import { byId, element, setHidden } from '../page/element.js';
+import { byId, element, setOpen } from '../page/element.js';
 import * as format from '../page/format.js';
 
 const kDistance = 'distance';  // the attribute of an error map
@@ -42,9 +42,8 @@ export class LookCard {
         return !byId['look-card'].hidden;
     }
 
-    toggle() {
-        setHidden(byId['look-card'], this.isOpen, byId.look);
-        byId.look.ariaExpanded = String(this.isOpen);
+    toggle(how) {
+        setOpen(byId['look-card'], !this.isOpen, byId.look, how);
         if (this.isOpen) {
             this.onOpen();
         }

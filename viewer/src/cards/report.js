@@ -1,5 +1,5 @@
 import { getBytes } from '../api/api.js';
-import { byId, element, setHidden } from '../page/element.js';
+import { byId, element, setOpen } from '../page/element.js';
 import * as format from '../page/format.js';
 import { CurveChart } from './curve_chart.js';
 
@@ -22,7 +22,7 @@ export class Report {
     }
 
     hide() {
-        setHidden(byId.report, true);
+        setOpen(byId.report, false, openerOf());
         this.chart?.end();
         this.chart = null;
         this.shownAs = null;
@@ -31,9 +31,9 @@ export class Report {
     /**
      * Made anew only where something has come: a table that is replaced loses its reader.
      * @param job  of the result; @param name  of its cloud; @param nameOf  of a cloud by its id, or undefined
-     * @param canClose  whether there is something else to see
+     * @param canClose  whether there is something else to see; @param takesFocus  whether it was asked for
      */
-    show({ job, name, manifest, nameOf, canClose }) {
+    show({ job, name, manifest, nameOf, canClose, takesFocus }) {
         const shownAs = JSON.stringify([job.id, name, manifest.levels.length, manifest.complete]);
         if (shownAs === this.shownAs) {
             return;
@@ -45,7 +45,7 @@ export class Report {
         byId['report-title'].textContent = title;
         byId['report-content'].replaceChildren(...content);
         byId['report-close'].hidden = !canClose;
-        byId.report.hidden = false;
+        setOpen(byId.report, true, openerOf(), { takesFocus });
         this.chart?.draw();
     }
 
@@ -111,6 +111,9 @@ function evaluation({ levels, request }, name, nameOf, onPlace) {
         ...levels.flatMap(({ pictures = [] }) => pictures.map(pictureOf)),
     ]];
 }
+
+/** The button that opens the report, where there is one. */
+const openerOf = () => document.querySelector('[aria-controls=report]');
 
 /** Where a candidate is farthest off, as a sentence. @param title  of one of several; @param onPlace  where it can be looked at */
 function largestAt({ forward, backward, diagonal }, title, onPlace) {

@@ -87,14 +87,14 @@ export class ResultView {
         if (this.report.isOpen) {
             this.report.hide();
         } else {
-            this.showReport(session);
+            this.showReport(session, { takesFocus: true });
         }
     }
 
     /** What is told beside the picture, or without one. */
-    showReport({ job, manifest, loader }) {
+    showReport({ job, manifest, loader }, how) {
         this.report.show({
-            job, manifest, name: titleOf(job), canClose: loader.levels.length > 0,
+            job, manifest, name: titleOf(job), canClose: loader.levels.length > 0, ...how,
             nameOf: (id) => this.library.clouds.find((cloud) => cloud.id === id)?.name,
         });
     }

@@ -1,5 +1,5 @@
 import { authorization } from '../api/api_key.js';
-import { byId, element, setHidden, whileSaying } from '../page/element.js';
+import { byId, element, setOpen, whileSaying } from '../page/element.js';
 import { showProblem } from '../page/notices.js';
 import { kPrograms, linesOf } from './program_lines.js';
 
@@ -21,9 +21,8 @@ export class ShareCard {
         return !byId['share-card'].hidden;
     }
 
-    toggle() {
-        setHidden(byId['share-card'], this.isOpen, byId.share);
-        byId.share.ariaExpanded = String(this.isOpen);
+    toggle(how) {
+        setOpen(byId['share-card'], !this.isOpen, byId.share, how);
         if (this.isOpen) {
             this.onOpen();
         }

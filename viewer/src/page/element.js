@@ -66,5 +66,25 @@ export function setHidden(part, isHidden, next = byId.stage) {
     part.hidden = isHidden;
 }
 
+const openers = new WeakMap();  // by the cards that took the focus when they were opened, what had it
+
+/**
+ * Opens a card that a button opens, or closes it: what is inside gives the focus back.
+ * @param button  or null, where there is none now; @param takesFocus  whether the first that can be done in it has the focus then, as where a key opens it
+ */
+export function setOpen(card, isOpen, button, { takesFocus = false } = {}) {
+    if (isOpen) {
+        openers.set(card, takesFocus ? document.activeElement : null);
+    }
+    const next = [openers.get(card), button].find((part) => part && part !== document.body && part.checkVisibility());
+    setHidden(card, !isOpen, next);
+    if (button) {
+        button.ariaExpanded = String(isOpen);
+    }
+    if (isOpen && takesFocus) {
+        card.querySelector('button:not([hidden]), select, input')?.focus();
+    }
+}
+
 /** The page's elements by their id: `byId.level`. */
 export const byId = new Proxy({}, { get: (_, id) => document.getElementById(id) });

@@ -50,6 +50,11 @@ export function listenToKeys(stage, { onLevel, onKey }) {
     });
 }
 
+/** The cards that keys open; from inside, where the focus is then, they are closed by the same key and by Escape. */
+const kCards = { l: '#look-card', s: '#share-card', escape: '.look-card' };
+
 /** Whether what has the focus takes the key itself. */
-const isFor = ({ target, key }) => target.closest('dialog, select, input[type=number], input[type=text]') ||
-    (key === ' ' && target.closest('a, button, input, summary, [role=slider]'));
+const isFor = ({ target, key }) => !isOfCard(target, key) &&
+    (target.closest('dialog, select, input[type=number], input[type=text]') || (key === ' ' && target.closest('a, button, input, summary, [role=slider]')));
+
+const isOfCard = (target, key) => key.toLowerCase() in kCards && target.closest(kCards[key.toLowerCase()]);
