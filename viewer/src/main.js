@@ -140,7 +140,7 @@ const intake = new Intake({
     onChosen: openCloud,
     onAdded: () => library.refresh(),
 });
-const comparison = new Comparison(stage, library, look, { onChange: () => bookmark.writeSoon() });
+const comparison = new Comparison(stage, library, look, { onStart: () => sheet.makeRoom(), onChange: () => bookmark.writeSoon() });
 const bookmark = new Bookmark(() => session && {
     id: session.id, type: session.type, chosen: session.chosen, bound: session.bound, view: stage.view, ...look.chosen, ...comparison.how,
 });

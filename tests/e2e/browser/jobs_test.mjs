@@ -220,7 +220,18 @@ await run({
         });
         await page.goto(`${browser.url}/?job=${evaluation}`);
         await settledPyramid(page);
-        await page.locator('#action-figures').click();
+        const figures = page.locator('#action-figures');
+        await figures.press('Enter');
+        assert.equal(await page.evaluate(() => document.activeElement.id), 'report-close');
+        assert.equal(await figures.getAttribute('aria-expanded'), 'true');
+        const size = page.viewportSize();
+        await page.setViewportSize({ width: 360, height: 225 });
+        assert.deepEqual(await page.locator('#report').boundingBox(), { x: 0, y: 0, width: 360, height: 225 });
+        await page.setViewportSize(size);
+        await page.keyboard.press('Escape');
+        assert.equal(await page.evaluate(() => document.activeElement.id), 'action-figures');
+        assert.equal(await figures.getAttribute('aria-expanded'), 'false');
+        await figures.click();
         const lines = page.locator('#report .note', { hasText: 'argest at' });
         assert.deepEqual(await lines.allInnerTexts(), ['fine, 2,000 points', `coarse, ${coarse.points} points`].map((title) =>
             `${title}: largest at \u22120.9800  \u22120.9800  0.2000, on the candidate.`));

@@ -400,6 +400,22 @@ await run({
         await phone.context().close();
     },
 
+    async 'In a window as low as one at 400 % zoom two are compared without what lies on them'() {
+        const low = await browser.open(`/?pyramid=${torusPyramid}&color=x&beside=1`, { width: 360, height: 225, scale });
+        await low.locator('#compare-with').waitFor();
+        await settledPyramid(low);
+        const isOnTop = (id) => low.locator(`#${id}`).evaluate((it) => {
+            const { x, y, width, height } = it.getBoundingClientRect();
+            return it.contains(document.elementFromPoint(x + width / 2, y + height / 2));
+        });
+        assert.deepEqual(await Promise.all(['compare-with', 'compare-mode', 'divider'].map(isOnTop)), [true, true, true]);
+        assert.equal(await low.locator('#legend').isVisible(), false);
+        assert.ok((await low.locator('#dock').boundingBox()).y > 150);
+        await low.keyboard.press('c');
+        assert.equal(await low.locator('#legend').isVisible(), true);
+        await low.context().close();
+    },
+
     async 'Splats of slopes that are seen from the side lie on them, as smaller ones do'() {
         const side = 200;
         await page.locator('#look').click();

@@ -10,11 +10,14 @@ const kAlone = { right: null, layout: null, at: null };
 
 /** The result on the stage and, where two are compared, a level of it or another result on its right: with one camera, in the same colours. */
 export class Comparison {
-    /** @param onChange  told that other things are compared, or that they lie otherwise */
-    constructor(stage, library, look, { onChange }) {
+    /** @param onStart  told that two are compared; @param onChange  told that other things are compared, or that they lie otherwise */
+    constructor(stage, library, look, { onStart, onChange }) {
         Object.assign(this, { stage, library, look, onChange });
         this.view = new SplitView(stage, {
-            onStart: () => this.begin(),
+            onStart: () => {
+                this.begin();
+                onStart();
+            },
             onEnd: () => this.leave(),
             onChoice: (choice) => this.choose(choice),
             onLayout: onChange,

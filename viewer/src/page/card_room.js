@@ -9,7 +9,7 @@ export function roomBesideCards() {
     const library = byId.library.getBoundingClientRect();
     const dock = byId.dock.getBoundingClientRect();
     const hud = byId.hud.hidden ? null : byId.hud.getBoundingClientRect();
-    const legend = byId.legend.hidden || byId.hud.hidden ? 0 : byId.legend.offsetHeight + kLegendGap;
+    const legend = byId.legend.offsetHeight > 0 ? byId.legend.offsetHeight + kLegendGap : 0;
     const card = [byId['look-card'], byId['share-card']].find(({ hidden }) => !hidden)?.getBoundingClientRect();
     const compared = [byId['left-label'], byId['compare-with']].map((part) => part.getBoundingClientRect().bottom).find((bottom) => bottom > 0) ?? 0;
     const tools = byId.tools.getBoundingClientRect();  // of a phone: at its right where it lies on its side

@@ -53,6 +53,13 @@ export class Sheet {
         byId.grip.ariaLabel = isFolded ? 'Show level and figures' : `${this.isOpen ? 'Hide' : 'Show'} clouds and results`;
     }
 
+    /** Where the window is so low, as at a zoom of 400 %, that the card leaves hardly any for two clouds. */
+    makeRoom() {
+        if (this.state === 'half' && matchMedia('(max-height: 300px)').matches) {
+            this.show('folded');
+        }
+    }
+
     /** Where there is no card any more. */
     unfold() {
         if (this.state === 'folded') {
