@@ -208,6 +208,71 @@ TEST(Copc, GivesNoExtraFieldANameOfLasThatAnotherHas) {
     EXPECT_EQ(text.find(std::string_view("Intensity\0", 10)), std::string_view::npos);
 }
 
+/// What is odd of a cloud, whose file has this among its extra bytes; empty: has none.
+std::vector<std::string> odd_of(const PointCloud& cloud, std::string_view extra) {
+    std::vector<std::string> odd;
+    const std::vector<std::byte> file = encode_copc(cloud, {}, {}, &odd);
+    const std::string_view text(reinterpret_cast<const char*>(file.data()), file.size());
+    EXPECT_EQ(text.find("Extra bytes") != text.npos, !extra.empty());
+    EXPECT_NE(text.find(extra), text.npos) << extra;
+    return odd;
+}
+
+TEST(Copc, KeepsAFieldOfLasWhereFewPointsHaveOddValues) {
+    PointCloud cloud = test::sphere(40);
+    const auto with = [&]<typename T>(const std::string& name, T usual, T odd, std::size_t odds) {
+        std::vector<T> values(40, usual);
+        std::fill_n(values.begin() + 7, odds, odd);
+        cloud.attributes.push_back({name, std::move(values)});
+    };
+    with("intensity", 700.0F, 1.5F, 1);
+    EXPECT_EQ(
+        odd_of(cloud, "intensity_2"),
+        std::vector<std::string>{"intensity: 0 at 1 point whose values LAS's own field cannot "
+                                 "hold; the extra bytes have all"});
+    cloud.attributes.clear();
+    with("GpsTime", 7.0, std::numeric_limits<double>::quiet_NaN(), 4);
+    EXPECT_EQ(odd_of(cloud, "GpsTime_2"),
+              std::vector<std::string>{"GpsTime: 0 at 4 points whose values LAS's own field cannot "
+                                       "hold; the extra bytes have all"});
+    cloud.attributes.clear();
+    with("classification", 2, 256, 5);
+    EXPECT_EQ(odd_of(cloud, "classification"),
+              std::vector<std::string>{"classification: in the extra bytes alone, since LAS's own "
+                                       "field cannot hold the values of 5 points"});
+    cloud.attributes.clear();
+    with("classification", 2, 255, 5);
+    EXPECT_TRUE(odd_of(cloud, "").empty());
+}
+
+TEST(Copc, TakesAPointOfNoReturnForTheOnlyOne) {
+    PointCloud cloud = test::sphere(40);
+    std::vector<std::uint8_t> numbers(40, 2);
+    numbers[3] = 0;
+    cloud.attributes = {{"return_number", numbers},
+                        {"number_of_returns", std::vector<std::uint8_t>(40, 2)}};
+    EXPECT_EQ(odd_of(cloud, "return_number_2"),
+              std::vector<std::string>{"return_number and number_of_returns: 1 of 1 at 1 point "
+                                       "whose values LAS's own field cannot hold; the extra bytes "
+                                       "have all"});
+    const std::vector<std::byte> file = encode_copc(cloud);
+    constexpr std::size_t kByReturn = 255;
+    EXPECT_EQ(at<std::uint64_t>(file, kByReturn), 1U);
+    EXPECT_EQ(at<std::uint64_t>(file, kByReturn + 8), 39U);
+}
+
+TEST(Copc, TakesFlagsOfZeroAndOne) {
+    PointCloud cloud = test::sphere(40);
+    for (const std::string name : {"synthetic", "KeyPoint", "scalar_Withheld", "overlap",
+                                   "ScanDirectionFlag", "edge_of_flight_line"})
+        cloud.attributes.push_back({name, std::vector<float>(40, 1)});
+    EXPECT_TRUE(odd_of(cloud, "").empty());
+    const std::vector<std::byte> file = encode_copc(cloud);
+    EXPECT_EQ(at<std::uint8_t>(file, at<std::uint32_t>(file, 96) + 8 + 15), 0b1100'1111);
+    cloud.attributes = {{"overlap", std::vector<std::uint8_t>(40, 12)}};
+    EXPECT_EQ(odd_of(cloud, "overlap").size(), 1U);
+}
+
 TEST(Copc, RefusesWhatTheFormatCannotHold) {
     PointCloud cloud = test::sphere(10);
     EXPECT_NE(refusal({}).find("no points"), std::string::npos);

@@ -192,11 +192,12 @@ TEST(LazChunk, HasALayerForEachFieldThatChanges) {
         points.positions.push_back({i, 2 * i, i % 17});
         points.returns.push_back({static_cast<std::uint8_t>(1 + i % n), n});
         points.user_data.push_back(static_cast<std::uint8_t>(i));
+        points.flags.push_back(i % 3 == 0 ? kLasWithheld : kLasEdgeOfFlightLine);
         points.sources.push_back(static_cast<std::uint16_t>(100 * i));
         points.times.push_back(-1e9 * i);
     }
     const std::vector<std::byte> bytes = encode_laz_chunk(points);
-    const std::array<bool, 9> has = {true, true, false, false, false, false, true, true, true};
+    const std::array<bool, 9> has = {true, true, false, true, false, false, true, true, true};
     for (std::size_t layer = 0; layer < has.size(); ++layer)
         EXPECT_EQ(word_at(bytes, kLazPointSize + 4 + 4 * layer) > 0, has[layer]) << layer;
 }

@@ -162,6 +162,7 @@ LazPoints points_of_node(const PointCloud& cloud, const LasFields& fields,
                      .returns = along_chain(fields.returns),
                      .classifications = along_chain(fields.classifications),
                      .user_data = along_chain(fields.user_data),
+                     .flags = along_chain(fields.flags),
                      .sources = along_chain(fields.sources),
                      .times = along_chain(fields.times),
                      .colors = along_chain(cloud.colors),
@@ -455,7 +456,7 @@ private:
 }  // namespace
 
 std::vector<std::byte> encode_copc(const PointCloud& cloud, const CopcOptions& options,
-                                   const RunContext& context) {
+                                   const RunContext& context, std::vector<std::string>* odd) {
     validate(cloud);
     if (options.epsg) well_known_text(*options.epsg);  // refuses systems that it does not know
     if (cloud.empty())
@@ -464,6 +465,7 @@ std::vector<std::byte> encode_copc(const PointCloud& cloud, const CopcOptions& o
         throw Error(ErrorCode::InvalidArgument,
                     "a position is not finite: remove such points (`clean`; jobs and commands do)");
     const LasFields fields(cloud);
+    if (odd != nullptr) *odd = fields.odd;
     const SampledOctree octree(cloud, cube_of(cloud, options, context), options.octree,
                                context.part(0, 0.5));
     context.checkpoint(0.5);

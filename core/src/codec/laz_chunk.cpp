@@ -157,6 +157,17 @@ Layer encode_classifications(const std::vector<std::uint8_t>& classes,
     return std::move(layer).finish();
 }
 
+Layer encode_flags(const std::vector<std::uint8_t>& flags) {
+    if (is_constant(flags)) return {};
+    constexpr unsigned kFlags = 64;
+    const auto without_channel = [](unsigned f) { return (f & 15U) | (f >> 6U) << 4U; };
+    LazEncoder layer;
+    std::vector<LazSymbols> next(kFlags, LazSymbols(kFlags));
+    for (std::size_t i = 1; i < flags.size(); ++i)
+        layer.symbol(next[without_channel(flags[i - 1])], without_channel(flags[i]));
+    return std::move(layer).finish();
+}
+
 Layer encode_user_data(const std::vector<std::uint8_t>& data) {
     if (is_constant(data)) return {};
     LazEncoder layer;
@@ -301,7 +312,7 @@ void put_first_point(ByteWriter& to, const LazPoints& points) {
     for (const std::int32_t coordinate : points.positions.front()) to.put(coordinate);
     to.put(first(points.intensities));
     to.put(static_cast<std::uint8_t>(of_pulse.number | of_pulse.count << 4U));
-    to.put<std::uint8_t>(0);  // flags
+    to.put(first(points.flags));
     to.put(first(points.classifications));
     to.put(first(points.user_data));
     to.put<std::int16_t>(0);  // scan angle
@@ -324,7 +335,7 @@ std::vector<std::byte> encode_laz_chunk(const LazPoints& points) {
     layers.push_back(std::move(positions.xy));
     layers.push_back(std::move(positions.z));
     layers.push_back(encode_classifications(points.classifications, pulses));
-    layers.emplace_back();  // flags
+    layers.push_back(encode_flags(points.flags));
     layers.push_back(encode_intensities(points.intensities, pulses));
     layers.emplace_back();  // scan angle
     layers.push_back(encode_user_data(points.user_data));

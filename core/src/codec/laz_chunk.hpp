@@ -17,6 +17,16 @@ struct LazReturn {
     std::uint8_t number = 1, count = 1;
 };
 
+/// Bits of a point that LAS has room for; the others of their byte are the scanner channel, 0.
+enum LasFlag : std::uint8_t {
+    kLasSynthetic = 1,
+    kLasKeyPoint = 2,
+    kLasWithheld = 4,
+    kLasOverlap = 8,
+    kLasScanDirection = 64,
+    kLasEdgeOfFlightLine = 128,
+};
+
 /// Points as LAS 1.4 has them, in point data record format 6 or, with colours, 7; of all that its
 /// records hold, what a cloud has. Each array has N entries or none, for a field that is 0 (of the
 /// returns: the only one).
@@ -25,6 +35,7 @@ struct LazPoints {
     std::vector<std::uint16_t> intensities{};
     std::vector<LazReturn> returns{};
     std::vector<std::uint8_t> classifications{}, user_data{};
+    std::vector<std::uint8_t> flags{};     ///< `LasFlag`s
     std::vector<std::uint16_t> sources{};  ///< point source IDs
     std::vector<double> times{};           ///< GPS times, finite
     std::vector<Rgba8> colors{};

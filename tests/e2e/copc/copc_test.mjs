@@ -122,6 +122,8 @@ const lidar = [
     { name: 'scalar_Number_Of_Returns', type: 'float', value: (i) => returns(i) },
     { name: 'point_source_id', type: 'int', value: (i) => 65_530 + (random(i, 10) % 6) },
     { name: 'UserData', type: 'uchar', value: (i) => random(i, 13) % 256 },
+    ...['synthetic', 'key_point', 'Withheld', 'scalar_Overlap', 'ScanDirectionFlag', 'edge_of_flight_line'].map((name, flag) => (
+        { name, type: 'uchar', value: (i) => (random(i, 20 + flag) % (2 + flag) === 0 ? 1 : 0) })),
 ];
 
 try {
@@ -134,7 +136,7 @@ try {
     assert.ok(whole.nodes.length > 8 && whole.nodes.some(({ key }) => key[0] > 1), 'a tree');
     assert.deepEqual(whole.copc.header.scale, [0.01, 0.01, 0.01]);
     assert.equal(whole.copc.header.pointDataRecordFormat, 7);
-    const named = { x: 'X', y: 'Y', z: 'Z', red: 'Red', green: 'Green', blue: 'Blue', scalar_Classification: 'Classification', return_number: 'ReturnNumber', scalar_Number_Of_Returns: 'NumberOfReturns', point_source_id: 'PointSourceId' };
+    const named = { x: 'X', y: 'Y', z: 'Z', red: 'Red', green: 'Green', blue: 'Blue', scalar_Classification: 'Classification', return_number: 'ReturnNumber', scalar_Number_Of_Returns: 'NumberOfReturns', point_source_id: 'PointSourceId', synthetic: 'Synthetic', key_point: 'KeyPoint', scalar_Overlap: 'Overlap', edge_of_flight_line: 'EdgeOfFlightLine' };
     const seen = new Set();
     for (const { view } of whole.nodes) {
         const number = view.getter('number');
@@ -156,7 +158,7 @@ try {
     const numbers = all('return_number');
     assert.deepEqual(whole.copc.header.pointCountByReturn, Array.from({ length: 15 }, (_, r) => numbers.filter((n) => n === r + 1).length));
     assert.equal(whole.copc.header.globalEncoding & 1, 1, 'times since 1980, not of the week');
-    assert.ok(!whole.copc.eb.some(({ name }) => /gps|return|source|user/i.test(name)), 'fields of LAS are no extra bytes');
+    assert.ok(!whole.copc.eb.some(({ name }) => /gps|return|source|user|synthetic|key|withheld|overlap|flag|edge/i.test(name)), 'fields of LAS are no extra bytes');
     console.log(`ok      ${points} points in ${whole.nodes.length} nodes, every value`);
 
     convert(ply, file, '--threads', '1');
