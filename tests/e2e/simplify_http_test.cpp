@@ -78,5 +78,25 @@ TEST(Stippled, SimplifiesInOneCall) {
               "malformed-input");
 }
 
+TEST(Stippled, TellsWhatToAddToThePositionsOfASimplifiedDracoFile) {
+    const StippledProcess server;
+    PointCloud far = sphere(500);
+    far.origin = Vec3d(500'000, 5'000'000, 100);
+    far.double_precision = true;
+    const auto reply = [&](const PointCloud& cloud, const std::string& format) {
+        return request(server.port(), "POST",
+                       "/v1/simplify?points=50&error=false&wait=60&format=" + format,
+                       as_ply(cloud));
+    };
+    const HttpReply draco = reply(far, "drc");
+    ASSERT_EQ(draco.status, 200) << draco.body;
+    const PointCloud cloud = decode_cloud(std::as_bytes(std::span(draco.body)));
+    ASSERT_FALSE(cloud.origin.isZero(0));
+    const Json place = Json::parse('[' + draco.field("Stipple-Origin") + ']');
+    EXPECT_EQ(Vec3d(place.at(0), place.at(1), place.at(2)), cloud.origin);
+    EXPECT_EQ(reply(far, "ply").field("Stipple-Origin"), "");
+    EXPECT_EQ(reply(sphere(500), "drc").field("Stipple-Origin"), "");
+}
+
 }  // namespace
 }  // namespace stipple::test
