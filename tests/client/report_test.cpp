@@ -44,6 +44,13 @@ TEST(LossesLine, CountsOutliersBesideWhatElseWasRemoved) {
     EXPECT_EQ(losses_line(source, {}), "removed 0 outliers");
 }
 
+TEST(DracoLine, SaysWhatPositionsAreRelativeToAndHowFarTheyWereRounded) {
+    EXPECT_EQ(draco_line({500'000, 5'000'000, 100.5}, 0.002, {}),
+              "coordinates relative to 500000 5000000 100.5 | rounded by at most 0.001 per axis");
+    EXPECT_EQ(draco_line(Vec3d::Zero(), 0.5, {}), "rounded by at most 0.25 per axis");
+    EXPECT_EQ(draco_line(Vec3d::Zero(), 0, {}), "");
+}
+
 TEST(BoundLine, SaysHowManyPointsAreNotCounted) {
     proto::MeasuredBound bound{.max_error = 0.3,
                                .forward = 0.2,

@@ -7,6 +7,8 @@
 #include <gtest/gtest.h>
 #include <cmath>
 #include <fstream>
+#include <iomanip>
+#include <limits>
 #include <nlohmann/json.hpp>
 
 namespace stipple {
@@ -302,6 +304,41 @@ TEST_F(StippleCli, ConvertLeavesOutWhatTheFormatCannotHoldAndSaysSo) {
     EXPECT_EQ(kept.err.find("removed"), std::string::npos);
     EXPECT_NE(kept.err.find("left out face.vertex_indices"), std::string::npos) << kept.err;
     EXPECT_EQ(read_cloud(folder_ / "out.ply").size(), 4U);
+}
+
+TEST_F(StippleCli, ConvertMakesNormalsZeroThatNoGridHoldsAndSaysSo) {
+    PointCloud cloud = test::sphere(100);
+    cloud.normals = cloud.positions;
+    cloud.normals[7].y() = std::numeric_limits<float>::quiet_NaN();
+    write_cloud(cloud, folder_ / "in.ply");
+    for (const char* const name : {"out.drc", "out.stpc"}) {
+        const Outcome outcome = stipple("convert in.ply " + std::string(name) + " --json -");
+        ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+        const std::string lost = "1 normal that is not finite";
+        EXPECT_NE(outcome.err.find("left out " + lost), std::string::npos) << outcome.err;
+        EXPECT_EQ(json::parse(outcome.out)["input"]["skipped"], json::array({lost}));
+        EXPECT_EQ(read_cloud(folder_ / name).size(), 100U);
+    }
+    EXPECT_EQ(stipple("convert in.ply out.ply").err.find("normal"), std::string::npos);
+}
+
+TEST_F(StippleCli, TellsWhatTheCoordinatesOfADracoFileAreRelativeTo) {
+    PointCloud cloud = test::sphere(2000);
+    cloud.origin = Vec3d(500'000, 5'000'000, 128);
+    cloud.double_precision = true;
+    write_cloud(cloud, folder_ / "in.ply");
+    for (const std::string command : {"convert in.ply out.drc", "simplify in.ply out.drc -n 500"}) {
+        const Outcome outcome = stipple(command);
+        ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+        const PointCloud written = read_cloud(folder_ / "out.drc");
+        std::ostringstream expected;
+        expected << std::setprecision(15) << "coordinates relative to " << written.origin.x() << ' '
+                 << written.origin.y() << ' ' << written.origin.z();
+        EXPECT_NE(outcome.err.find(expected.str()), std::string::npos) << outcome.err;
+        EXPECT_NE(outcome.err.find("rounded by at most 6"), std::string::npos)
+            << "2 / (2^14 - 1) / 2: " << outcome.err;
+    }
+    EXPECT_EQ(stipple("convert in.ply out.ply").err.find("relative"), std::string::npos);
 }
 
 TEST_F(StippleCli, ConvertLeavesOutOfAStreamWhatStandsAtOnePlaceAndSaysSo) {

@@ -3,6 +3,7 @@
 #include "cli/job_execution.hpp"
 #include "cli/progress_bar.hpp"
 #include "cli/report.hpp"
+#include "cli/text.hpp"
 #include "cli/units.hpp"
 #include "stipple/cleaning.hpp"
 #include "stipple/codec.hpp"
@@ -90,6 +91,17 @@ std::uint64_t leave_out_non_finite(PointCloud& cloud) {
     return others;
 }
 
+/// Which no grid holds. @returns how many there were.
+std::uint64_t zero_non_finite_normals(PointCloud& cloud) {
+    std::uint64_t zeroed = 0;
+    for (Vec3f& normal : cloud.normals) {
+        if (normal.allFinite()) continue;
+        normal = Vec3f::Zero();
+        ++zeroed;
+    }
+    return zeroed;
+}
+
 ordered_json output_json(const fs::path& file, std::uint64_t points) {
     return {{"points", points},
             {"file", file.string()},
@@ -113,20 +125,27 @@ void run(const ConvertCommand& command, const Session& session) {
         return read_input(command, display.stage("decode", 0, 0.5, context), report);
     });
     const auto decoded = Clock::now();
+    const std::string extension = extension_of(command.output);
+    const bool quantizes = extension == ".drc" || extension == ".stpc";
+    const std::uint64_t zeroed = quantizes ? zero_non_finite_normals(cloud) : 0;
     proto::CloudStatistics losses;
-    if (extension_of(command.output) == ".stpc") {  // whose points are told apart by their places
+    if (extension == ".stpc") {  // whose points are told apart by their places
         const CleaningReport removed = clean(cloud, context);
         losses.non_finite = removed.non_finite;
         losses.duplicates = removed.duplicates;
-    } else if (extension_of(command.output) != ".ply") {
+    } else if (extension != ".ply") {
         losses.non_finite = leave_out_non_finite(cloud);
     }
     losses.skipped = report.skipped;
+    if (zeroed > 0)
+        losses.skipped.push_back(counted(zeroed, "normal") + " that " +
+                                 (zeroed == 1 ? "is" : "are") + " not finite");
     const std::uint64_t bytes_in = fs::file_size(command.input);
     PlyEncodeOptions ply = command.ply;
     ply.comments = report.comments;
-    write_cloud_into_place(cloud, command.output, ply, command.draco, command.copc,
-                           display.stage("encode", 0.5, 1, context));
+    const Written written =
+        write_cloud_into_place(cloud, command.output, ply, command.draco, command.copc,
+                               display.stage("encode", 0.5, 1, context));
     const auto encoded = Clock::now();
     display.finish();
 
@@ -138,6 +157,13 @@ void run(const ConvertCommand& command, const Session& session) {
                   << '\n';
     if (const std::string lost = losses_line(losses, style); !command.common.quiet && !lost.empty())
         print_line(style.dim(lost), session.terminal);
+    if (extension == ".drc" && !command.common.quiet)
+        if (const std::string line = draco_line(cloud.origin, written.draco_step, style);
+            !line.empty())
+            print_line(style.dim(line), session.terminal);
+    if (!command.common.quiet)
+        for (const std::string& odd : written.odd_of_las)
+            print_line(style.dim(printable(odd)), session.terminal);
     ordered_json figures;
     figures["input"] = {
         {"points", report.points},
@@ -145,8 +171,9 @@ void run(const ConvertCommand& command, const Session& session) {
         {"file", command.input.string()},
         {"bytes", bytes_in},
         {"encoding", report.encoding},
-        {"skipped", report.skipped}};
+        {"skipped", losses.skipped}};
     figures["output"] = output_json(command.output, cloud.size());
+    if (!written.odd_of_las.empty()) figures["warnings"] = written.odd_of_las;
     figures["seconds"] = {{"decode", seconds_between(start, decoded)},
                           {"encode", seconds_between(decoded, encoded)},
                           {"total", seconds_between(start, encoded)}};

@@ -9,6 +9,7 @@
 #include "stipple/proto/digest.hpp"
 
 #include <chrono>
+#include <cmath>
 #include <limits>
 #include <set>
 #include <string>
@@ -67,6 +68,13 @@ ordered_json figures(const FileCommand<Job>& command, const proto::Results& resu
     return json;
 }
 
+/// Of the grid of its Draco file, as its error tells, where that was measured; 0: not known.
+double step_of(const proto::OutputCloud& cloud) {
+    const auto& with = cloud.files.front().error;
+    if (!with || !cloud.error) return 0;
+    return (with->max - cloud.error->error.max()) / (0.5 * std::sqrt(3.0));
+}
+
 template <typename Job>
 void summarise(const FileCommand<Job>& command, const proto::Results& results, double seconds,
                const Terminal& terminal) {
@@ -78,6 +86,11 @@ void summarise(const FileCommand<Job>& command, const proto::Results& results, d
                terminal);
     if (cloud.error) print_line(style.dim(error_line(*cloud.error, style)), terminal);
     if (cloud.bound) print_line(bound_line(*cloud.bound, cloud.points, style), terminal);
+    if (cloud.files.front().format == CloudFormat::Draco)
+        if (const std::string line =
+                draco_line(cloud.origin.value_or(Vec3d::Zero()), step_of(cloud), style);
+            !line.empty())
+            print_line(style.dim(line), terminal);
     const std::string losses = losses_line(*results.source, style);
     if (!losses.empty()) print_line(style.dim(losses), terminal);
     for (const std::string& warning : warnings_of(command, cloud)) print_line(warning, terminal);

@@ -218,17 +218,23 @@ void write_text(const fs::path& file, std::string_view text) {
     move_into_place(whole, file);
 }
 
-void write_cloud_into_place(const PointCloud& cloud, const fs::path& file,
-                            const PlyEncodeOptions& ply, const DracoEncodeOptions& draco,
-                            const CopcOptions& copc, const RunContext& context) {
+Written write_cloud_into_place(const PointCloud& cloud, const fs::path& file,
+                               const PlyEncodeOptions& ply, const DracoEncodeOptions& draco,
+                               const CopcOptions& copc, const RunContext& context) {
+    Written written;
+    const std::string extension = extension_of(file);
     const std::vector<std::byte> bytes = [&] {
         try {
+            if (extension == ".drc")
+                return encode_draco(cloud, draco, context, &written.draco_step);
+            if (extension == ".laz") return encode_copc(cloud, copc, context, &written.odd_of_las);
             return encode_cloud(cloud, file, ply, draco, copc, context);
         } catch (const Error& error) {
             throw Error(error.code(), file.string() + ": " + error.what());
         }
     }();
     write_text(file, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+    return written;
 }
 
 proto::OutputFile& first_output(proto::Results& results) {

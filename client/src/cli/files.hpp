@@ -69,11 +69,16 @@ void write_text(const std::filesystem::path& file, std::string_view text);
 /// @param named  what an error calls it: where it is to be in the end.
 void write_new_file(const std::filesystem::path& file, std::string_view text,
                     const std::filesystem::path& named);
+/// What there is to tell of a cloud in a file.
+struct Written {
+    double draco_step = 0;                ///< of a Draco file's grid; 0: none
+    std::vector<std::string> odd_of_las;  ///< as `encode_copc` tells it
+};
 /// A cloud, likewise, in the format that the end of the name says (`.ply`, `.drc`, `.stpc`,
 /// `.laz`); a failure to encode it names the file, too.
-void write_cloud_into_place(const PointCloud& cloud, const std::filesystem::path& file,
-                            const PlyEncodeOptions& ply, const DracoEncodeOptions& draco,
-                            const CopcOptions& copc, const RunContext& context);
+Written write_cloud_into_place(const PointCloud& cloud, const std::filesystem::path& file,
+                               const PlyEncodeOptions& ply, const DracoEncodeOptions& draco,
+                               const CopcOptions& copc, const RunContext& context);
 /// The one file of the first cloud that a job made. @throws Error(Internal) when a server sent
 /// another number of them.
 proto::OutputFile& first_output(proto::Results& results);

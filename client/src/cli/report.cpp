@@ -44,6 +44,18 @@ std::string losses_line(const proto::CloudStatistics& source, const TextStyle& s
     return joined(losses, " " + std::string(style.dot()) + " ");
 }
 
+std::string draco_line(const Vec3d& origin, double step, const TextStyle& style) {
+    std::vector<std::string> parts;
+    if (!origin.isZero(0)) {
+        std::ostringstream text;
+        text << "coordinates relative to" << std::setprecision(15);
+        for (const double x : origin) text << ' ' << x;
+        parts.push_back(text.str());
+    }
+    if (step > 0) parts.push_back("rounded by at most " + three_digits(0.5 * step) + " per axis");
+    return joined(parts, " " + std::string(style.dot()) + " ");
+}
+
 std::string readable_place(const Vec3d& place, double distance) {
     const double unit = distance > 0 ? std::pow(10, std::floor(std::log10(distance / 100))) : 0;
     std::ostringstream text;

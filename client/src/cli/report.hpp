@@ -24,6 +24,11 @@ std::string summary_line(const Summary& summary, const TextStyle& style);
 /// face.vertex_indices`; empty when neither.
 std::string losses_line(const proto::CloudStatistics& source, const TextStyle& style);
 
+/// Of a Draco file: `coordinates relative to 500000 5000000 100 · rounded by at most 0.0012
+/// per axis`; empty when neither.
+/// @param step  of the grid on which its points lie; 0: none.
+std::string draco_line(const Vec3d& origin, double step, const TextStyle& style);
+
 /// `0.0123 (0.012 %)`: input units, and percent of the diagonal of the reference.
 std::string distance_text(double distance, const SurfaceError& error);
 /// `(1.5, 2, -3)`: to a hundredth of a distance that was found there, with nine digits at most.
