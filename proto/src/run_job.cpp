@@ -7,6 +7,7 @@
 #include "stipple/error.hpp"
 #include "stipple/error_bounded.hpp"
 #include "stipple/neighbors.hpp"
+#include "stipple/proto/results.hpp"
 #include "stipple/surface_attributes.hpp"
 
 #include <algorithm>
@@ -182,6 +183,16 @@ void make(JobRun& run, PointCloud&& cloud, const EvaluateJob& job) {
     evaluate(run, cloud, job);
 }
 
+/// Another method that needs less memory, in words.
+std::string frugal_method(const JobRequest& request) {
+    const std::optional<Method> method = method_of(request);
+    const bool has_choice = !std::holds_alternative<UpsampleJob>(request.job);
+    if (!has_choice || !method || *method == Method::Voxel || *method == Method::Random) return "";
+    const bool needs_most = *method == Method::Iterative || *method == Method::Particles;
+    return std::string(", use another method than ") + std::string(to_string(*method)) + " (" +
+           (needs_most ? "multiphase" : "voxel") + " needs less)";
+}
+
 }  // namespace
 
 void run_job(const JobSpec& spec, const std::function<void(const JobReport&)>& report,
@@ -208,7 +219,8 @@ std::string memory_limit_message(const JobSpec& spec) {
                                    ? "ask for fewer samples"
                                    : "upload a smaller cloud";
     return "the job needs more than the " + std::to_string(spec.max_memory_bytes) +
-           " bytes of memory that it may have, by the size of its input and the limits: " + remedy;
+           " bytes of memory that it may have, by the size of its input and the limits: " + remedy +
+           frugal_method(spec.request) + ", or have the server's --max-memory raised";
 }
 
 }  // namespace stipple::proto

@@ -474,5 +474,24 @@ TEST_F(RunJob, GivesTheSameBytesForAnyNumberOfThreads) {
     EXPECT_EQ(hashes[1], hashes[4]);
 }
 
+TEST(MemoryLimitMessage, NamesTheMethodAndOneThatNeedsLess) {
+    JobSpec spec;
+    spec.max_memory_bytes = 1000;
+    const auto message_of = [&](Method method) {
+        SimplifyJob job;
+        job.options.method = method;
+        spec.request.job = job;
+        return memory_limit_message(spec);
+    };
+    EXPECT_EQ(
+        message_of(Method::Iterative),
+        "the job needs more than the 1000 bytes of memory that it may have, by the size of its "
+        "input and the limits: upload a smaller cloud, use another method than iterative "
+        "(multiphase needs less), or have the server's --max-memory raised");
+    EXPECT_NE(message_of(Method::Multiphase).find("multiphase (voxel needs less)"),
+              std::string::npos);
+    EXPECT_EQ(message_of(Method::Random).find("another method"), std::string::npos);
+}
+
 }  // namespace
 }  // namespace stipple::proto
