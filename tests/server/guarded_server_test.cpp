@@ -45,6 +45,28 @@ public:
     std::atomic<bool> begun = false, may_end = false;
 };
 
+/// Begins a reply that it cannot end.
+class BreakingOff final : public Application {
+public:
+    Reply handle(Request&) override {
+        Reply reply;
+        reply.content = Stream([](const StreamWriter& write) {
+            write("the first bytes");
+            throw std::runtime_error("a disk that is away");
+        });
+        return reply;
+    }
+    void answered(const Request&, int) override {}
+    void served(const Request&, const Served& outcome) override {
+        complete = outcome.complete;
+        failure = outcome.failure;
+    }
+    void refused(std::string_view, std::string_view, int, std::string_view) override {}
+
+    bool complete = true;
+    std::string failure;
+};
+
 /// All that the server says to a request, until it closes the connection.
 std::string reply_to(std::uint16_t port, std::string_view request) {
     const FileDescriptor fd(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0));
@@ -80,6 +102,18 @@ TEST(GuardedServer, GoesOnAfterAFailureToTurnAway) {
     options.max_connections = 0;
     GuardedServer server(options, application);
     for (int i = 0; i < 3; ++i) EXPECT_EQ(reply_to(server.port(), "GET / HTTP/1.1\r\n\r\n"), "");
+}
+
+TEST(GuardedServer, TellsOfAReplyThatItBrokeOff) {
+    BreakingOff application;
+    {
+        GuardedServer server({}, application);
+        const std::string reply = reply_to(server.port(), "GET / HTTP/1.1\r\nHost: h\r\n\r\n");
+        EXPECT_NE(reply.find("the first bytes"), reply.npos);
+        EXPECT_TRUE(server.drain(30s));
+    }
+    EXPECT_FALSE(application.complete);
+    EXPECT_EQ(application.failure, "a disk that is away");
 }
 
 TEST(GuardedServer, LetsWhatIsComputedEndWhenItDrainsAndStopsItWhenItEnds) {

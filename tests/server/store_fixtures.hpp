@@ -8,7 +8,11 @@
 
 #include "stipple/proto/digest.hpp"
 
+#include <spdlog/sinks/ostream_sink.h>
+#include <spdlog/spdlog.h>
 #include <functional>
+#include <memory>
+#include <sstream>
 #include <string>
 #include <string_view>
 
@@ -88,6 +92,23 @@ public:
 
 private:
     const Function function_;
+};
+
+/// What is logged while it lives; to be read when all who log have ended.
+class Log {
+public:
+    Log() {
+        const auto sink = std::make_shared<spdlog::sinks::ostream_sink_mt>(text_);
+        spdlog::set_default_logger(std::make_shared<spdlog::logger>("test", sink));
+    }
+    ~Log() { spdlog::set_default_logger(before_); }
+    Log(const Log&) = delete;
+    Log& operator=(const Log&) = delete;
+    std::string text() const { return text_.str(); }
+
+private:
+    std::ostringstream text_;
+    std::shared_ptr<spdlog::logger> before_ = spdlog::default_logger();
 };
 
 }  // namespace stipple::test

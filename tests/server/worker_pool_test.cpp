@@ -4,12 +4,9 @@
 #include "store/store_fault.hpp"
 #include "store_fixtures.hpp"
 
-#include <spdlog/sinks/ostream_sink.h>
-#include <spdlog/spdlog.h>
 #include <atomic>
 #include <cerrno>
 #include <fstream>
-#include <sstream>
 #include <thread>
 
 namespace stipple::server {
@@ -51,23 +48,6 @@ Outcome wait_until_stopped(std::stop_token stop) {
     while (!stop.stop_requested()) std::this_thread::sleep_for(1ms);
     return {Kind::Stopped, ""};
 }
-
-/// What is logged while it lives; to be read when all who log have ended.
-class Log {
-public:
-    Log() {
-        const auto sink = std::make_shared<spdlog::sinks::ostream_sink_mt>(text_);
-        spdlog::set_default_logger(std::make_shared<spdlog::logger>("test", sink));
-    }
-    ~Log() { spdlog::set_default_logger(before_); }
-    Log(const Log&) = delete;
-    Log& operator=(const Log&) = delete;
-    std::string text() const { return text_.str(); }
-
-private:
-    std::ostringstream text_;
-    std::shared_ptr<spdlog::logger> before_ = spdlog::default_logger();
-};
 
 class WorkerPoolTest : public testing::Test {
 protected:
@@ -340,7 +320,26 @@ TEST_F(WorkerPoolTest, FailsAJobWhoseInputIsMissing) {
     blobs_->remove_older(input_, std::chrono::system_clock::now() + 1h);
     const JobDocument job =
         run([](const auto&, const auto&, std::stop_token) -> Outcome { throw Cancelled(); });
-    EXPECT_NE(job.problem->detail.find(kNotSaid), std::string::npos);
+    EXPECT_EQ(job.problem->status, 404);
+    EXPECT_NE(job.problem->detail.find("upload the cloud again"), std::string::npos);
+}
+
+TEST_F(WorkerPoolTest, TriesAnotherJobBeforeTheOneThatWasPutOff) {
+    options_.rest = 1s;
+    std::vector<std::uint64_t> tried;  // by their points
+    std::atomic<bool> both = false;
+    FunctionRunner runner([&](const JobSpec& spec, const auto&, std::stop_token) -> Outcome {
+        tried.push_back(*std::get<proto::SimplifyJob>(spec.request.job).options.points);
+        both = tried.size() == 2;
+        throw StoreFault("the fault of one job, as it may be");
+    });
+    for (const std::uint64_t points : {1, 2})
+        jobs_->submit("ada", simplify_request(input_, points), {}, limits_.queue);
+    {
+        const WorkerPool pool(options_, limits_, *jobs_, *blobs_, runner);
+        EXPECT_TRUE(becomes_true([&] { return both.load(); }));
+    }
+    EXPECT_EQ(tried, (std::vector<std::uint64_t>{1, 2}));
 }
 
 TEST_F(WorkerPoolTest, GoesOnAfterAJobThatBreaksItsRunner) {

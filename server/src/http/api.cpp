@@ -245,12 +245,19 @@ void Api::answered(const Request& request, int status) {
 
 void Api::served(const Request& request, const Served& outcome) {
     metrics_.request_served(request.route, outcome);
+    const std::string_view route = request.route.empty() ? "none" : request.route;
+    const bool is_broken = !outcome.failure.empty();
+    if (is_broken)
+        spdlog::error("reply.broken id={} route={} reason={}", request.id, route,
+                      log_text(outcome.failure));
     // The template, not the path: what others chose stays out of the log.
     spdlog::info(
         "http.served id={} address={} tenant={} method={} route={} status={} bytes={} ms={:.1f}{}",
-        request.id, request.remote_address, log_name(request.tenant), request.method,
-        request.route.empty() ? "none" : request.route, outcome.status, outcome.bytes,
-        1000 * outcome.seconds.count(), outcome.complete ? "" : " client=gone");
+        request.id, request.remote_address, log_name(request.tenant), request.method, route,
+        outcome.status, outcome.bytes, 1000 * outcome.seconds.count(),
+        is_broken          ? " reply=broken"
+        : outcome.complete ? ""
+                           : " client=gone");
 }
 
 void Api::refused(std::string_view id, std::string_view address, int status,

@@ -142,7 +142,8 @@ struct ContentSetter {
                     std::size_t offset, std::size_t length, httplib::DataSink& sink) {
                     const auto out = std::span(*buffer).first(std::min(length, buffer->size()));
                     const std::size_t n = blob->read(from + offset, out);
-                    return n > 0 && sink.write(reinterpret_cast<const char*>(out.data()), n);
+                    if (n == 0) throw Error(ErrorCode::Internal, "a stored file ends too early");
+                    return sink.write(reinterpret_cast<const char*>(out.data()), n);
                 });
     }
     void operator()(const Stream& stream) const {
@@ -206,15 +207,21 @@ public:
         }));
     }
 
-    /// @returns false when the client has gone.
+    /// @returns false when the client has gone, or there was a failure.
     bool process(GuardedStream& stream, bool close) {
         bool closed = false;
+        // Content that breaks off: half a reply is ended by closing the connection.
         try {
             return run(*this, stream, close, closed);
-        } catch (const std::exception&) {
-            return false;  // the content broke off: half a reply is ended by closing the connection
+        } catch (const Disconnected&) {
+        } catch (const std::exception& error) {
+            failure_ = error.what();
         }
+        return false;
     }
+
+    /// Of the server, which kept it from sending the whole reply.
+    const std::string& failure() const noexcept { return failure_; }
 
 private:
     /// The signature differs between versions.
@@ -238,6 +245,7 @@ private:
 
     std::function<Reply(const httplib::Request&)> answer_;
     const bool takes_chunks_;
+    std::string failure_;
 };
 
 /// What of a head the library needs to see.
@@ -281,7 +289,8 @@ public:
         application_.served(request_, {.status = status_,
                                        .bytes = stream_.written(),
                                        .seconds = std::chrono::steady_clock::now() - begin,
-                                       .complete = sent});
+                                       .complete = sent,
+                                       .failure = library.failure()});
         if (!sent) {
             socket_.end_by_reset();  // half a reply that ends with its connection would look whole
             throw Disconnected();

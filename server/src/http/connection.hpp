@@ -18,7 +18,8 @@ struct Served {
     int status = 0;           ///< kClientLeft: the client left before there was a reply
     std::uint64_t bytes = 0;  ///< of the reply, head included
     std::chrono::duration<double> seconds{};
-    bool complete = true;  ///< false: the client left before its end
+    bool complete = true;        ///< false: the client left before its end, unless
+    std::string_view failure{};  ///< says why the server broke it off
 };
 
 /// What a connection serves. Called by many threads at a time.
