@@ -16,18 +16,31 @@
 
 namespace stipple::server {
 
+namespace {
+
+/// Of a damaged database the files are compared all the same.
+bool has_store(const std::filesystem::path& folder) try {
+    return std::filesystem::is_directory(blobs_in(folder)) && is_store(folder);
+} catch (const Error& error) {
+    if (error.code() == ErrorCode::InvalidArgument) throw;  // another's, or a later version's
+    return true;
+}
+
+}  // namespace
+
 int scrub(const ServerConfig& config) {
-    if (!std::filesystem::is_directory(blobs_in(config.data)) || !is_store(config.data))
+    if (!has_store(config.data))
         throw Error(ErrorCode::NotFound,
                     "--data " + config.data.string() + ": no store there: nothing to compare");
     const auto locks = lock_parts_to_read(config.data, parts_of(Role::All));
-    const std::vector<std::string> damage = find_damage(database_in(config.data));
+    std::vector<std::string> damage = find_damage(database_in(config.data));
+    const auto named_blobs = read_referenced_blobs(database_in(config.data), damage);
     for (const std::string& what : damage) std::cout << "database: " << what << '\n';
     const auto blobs = open_file_blob_store(blobs_in(config.data), {});
     std::map<std::string, bool> ids;  // whether the database names it
     for (const std::string& id : blobs->older_than(std::chrono::system_clock::now()))
         ids[id] = false;
-    for (const std::string& id : read_referenced_blobs(database_in(config.data))) ids[id] = true;
+    for (const std::string& id : named_blobs) ids[id] = true;
     std::uint64_t whole = 0, bytes = 0, broken = 0, missing = 0;
     for (const auto& [id, named] : ids) {
         try {

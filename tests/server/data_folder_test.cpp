@@ -41,6 +41,21 @@ TEST(DataFolder, IsNotSomebodyElsesFolder) {
     }
 }
 
+TEST(DataFolder, IsNotUsedWithoutTheFilesThatItNames) {
+    const TemporaryFolder folder;
+    const auto jobs = open_sqlite_job_store(database_in(folder.path()));
+    EXPECT_NO_THROW(make_data_folder(folder.path()));
+    put_cloud(*jobs, "ada", "cloud");
+    const auto expect_refused = [&](const char* why) {
+        expect_error(ErrorCode::InvalidArgument, why, [&] { make_data_folder(folder.path()); });
+    };
+    expect_refused("names 1 stored files, but blobs is missing: mount its disk");
+    fs::create_directories(blobs_in(folder.path()) / "tmp-api");
+    expect_refused("but blobs has none");
+    put_blob(*open_file_blob_store(blobs_in(folder.path())), "cloud");
+    EXPECT_NO_THROW(make_data_folder(folder.path()));
+}
+
 TEST(DataFolder, IsNoStoreByADatabaseThatIsDamaged) {
     const TemporaryFolder folder;
     write(folder / "blobs/ab/file");

@@ -175,7 +175,7 @@ TEST_P(JobQueueContract, TakesNoWriteUnderALeaseThatAnotherHoldsNow) {
     EXPECT_FALSE(store_->fail(stale, kProblem));
     EXPECT_FALSE(store_->crashed(stale, "signal 9 (Killed)"));
     EXPECT_FALSE(store_->ran_out_of_room(stale, kProblem));
-    EXPECT_FALSE(store_->put_off(stale, kProblem));
+    EXPECT_FALSE(store_->put_off(stale, kProblem, 0ms));
     store_->still_no_room(0ms, kProblem);  // it waits for none
     EXPECT_FALSE(store_->release(stale));
 
@@ -189,13 +189,23 @@ TEST_P(JobQueueContract, TakesNoWriteUnderALeaseThatAnotherHoldsNow) {
 TEST_P(JobQueueContract, FailsAJobThatIsPutOffForTheTenthTime) {
     const JobDocument job = submit();
     for (int i = 0; i < 9; ++i) {
-        EXPECT_TRUE(store_->put_off(claim(), kProblem));
+        EXPECT_TRUE(store_->put_off(claim(), kProblem, 0ms));
         EXPECT_EQ(find(job.id).message, "the service could not run it: waiting to try again");
         store_->still_no_room(0ms, kProblem);  // it waits for none
     }
-    EXPECT_TRUE(store_->put_off(claim(), kProblem));
+    EXPECT_TRUE(store_->put_off(claim(), kProblem, 0ms));
     EXPECT_EQ(find(job.id).status, JobStatus::Failed);
     EXPECT_EQ(find(job.id).problem->detail, kProblem.detail);
+}
+
+TEST_P(JobQueueContract, LetsAJobRestThatIsPutOff) {
+    const JobDocument put_off = submit(), next = submit();
+    EXPECT_TRUE(store_->put_off(claim(), kProblem, 60s));
+    const Lease lease = claim();
+    EXPECT_EQ(lease.job_id, next.id);
+    EXPECT_FALSE(store_->claim(limits_, 60s));
+    EXPECT_TRUE(store_->put_off(lease, kProblem, 0ms));
+    EXPECT_EQ(claim().job_id, next.id);
 }
 
 TEST_P(JobQueueContract, FailsAJobThatWaitsForRoomForTooLong) {

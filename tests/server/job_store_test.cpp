@@ -1,8 +1,10 @@
 #include "job_store_contract.hpp"
 
+#include "store/sqlite.hpp"
 #include "store/store_fault.hpp"
 
 #include <sqlite3.h>
+#include <sys/fsuid.h>
 #include <algorithm>
 #include <set>
 
@@ -518,8 +520,72 @@ TEST(SqliteJobStore, RefusesADatabaseOfANewerVersion) {
     const TemporaryFolder folder;
     open_sqlite_job_store(folder / "jobs.sqlite");
     run_sql(folder / "jobs.sqlite", "PRAGMA user_version = 999");
-    expect_error(ErrorCode::Internal, "schema 999",
+    expect_error(ErrorCode::InvalidArgument, "schema 999",
                  [&] { open_sqlite_job_store(folder / "jobs.sqlite"); });
+}
+
+/// Permissions are those of everybody, also where tests are run as root.
+class AsNobody {
+public:
+    AsNobody() : before_(::setfsuid(kNobody)) {}
+    ~AsNobody() { ::setfsuid(static_cast<uid_t>(before_)); }
+    AsNobody(const AsNobody&) = delete;
+    AsNobody& operator=(const AsNobody&) = delete;
+
+private:
+    static constexpr uid_t kNobody = 65534;
+    const int before_;
+};
+
+TEST(SqliteJobStore, RefusesADatabaseThatItMayNotWrite) {
+    const TemporaryFolder folder;
+    const fs::path file = folder / "jobs.sqlite";
+    open_sqlite_job_store(file);
+    fs::permissions(folder.path(), fs::perms::all);
+    fs::permissions(file, fs::perms::owner_read | fs::perms::group_read | fs::perms::others_read);
+    const AsNobody nobody;
+    expect_error(ErrorCode::Internal, "jobs.sqlite: it may only be read",
+                 [&] { open_sqlite_job_store(file); });
+}
+
+TEST(SqliteJobStore, TellsThatItMayOnlyBeReadAsAFaultOfTheSystem) {
+    const TemporaryFolder folder;
+    open_sqlite_job_store(folder / "jobs.sqlite");
+    sqlite::Connection reader(folder / "jobs.sqlite", sqlite::Access::Read);
+    EXPECT_THROW(reader.run("DELETE FROM jobs"), StoreFault);
+}
+
+TEST(SqliteJobStore, RemovesExpiredJobsAsFarAsItCan) {
+    const TemporaryFolder folder;
+    const auto store = open_sqlite_job_store(folder / "jobs.sqlite");
+    store->submit("ada", simplify_request(put_cloud(*store, "ada", "cloud")), {}, {});
+    store->succeed(store->claim({}, 60s).value(), {});
+    run_sql(folder / "jobs.sqlite",
+            "WITH RECURSIVE numbers (n) AS (VALUES (1) UNION ALL SELECT n + 1 FROM numbers "
+            "WHERE n < 999) "
+            "INSERT INTO jobs (id, tenant, type, input, request, status, message, created, "
+            "finished, updated) SELECT id || n, tenant, type, input, request, status, message, "
+            "created, finished, updated FROM jobs, numbers; UPDATE jobs SET finished = row; "
+            "CREATE TRIGGER full BEFORE DELETE ON jobs WHEN OLD.finished = 900 "
+            "BEGIN SELECT RAISE(ABORT, 'full'); END");
+    const auto left = [&] { return store->list_jobs("ada", {}, 1000, {}).items.size(); };
+    ASSERT_EQ(left(), 1000U);
+    EXPECT_THROW(store->remove_expired_jobs(1h), Error);
+    EXPECT_LE(left(), 500U) << "what was removed before is gone";
+    run_sql(folder / "jobs.sqlite", "DROP TRIGGER full");
+    const std::size_t more = left();
+    EXPECT_EQ(store->remove_expired_jobs(1h), more);
+    EXPECT_EQ(left(), 0U);
+}
+
+TEST(SqliteJobStore, NamesTheBlobsOfADamagedStoreAsFarAsItCan) {
+    const TemporaryFolder folder;
+    const std::string cloud = put_cloud(*open_sqlite_job_store(folder / "jobs.sqlite"), "ada", "a");
+    sqlite::Connection(folder / "jobs.sqlite").script("DROP TABLE outputs");  // as if unreadable
+    std::vector<std::string> damage;
+    EXPECT_EQ(read_referenced_blobs(folder / "jobs.sqlite", damage), std::vector{cloud});
+    ASSERT_EQ(damage.size(), 1U);
+    EXPECT_NE(damage[0].find("the names of files: "), std::string::npos) << damage[0];
 }
 
 TEST(SqliteJobStore, RefusesAFileThatIsNoDatabase) {

@@ -330,9 +330,26 @@ TEST_F(HousekeeperTest, MakesRoomAlsoWhereNoRowCanBeRemoved) {
     const std::string orphan = put_blob(*blobs_, "orphan");
     std::this_thread::sleep_for(5ms);
     const Housekeeper housekeeper(
-        {.retention = 0s, .cloud_retention = 1h, .period = 10ms, .grace = 0ms}, *jobs_, *blobs_);
+        {.retention = 0s, .cloud_retention = 0s, .period = 10ms, .grace = 0ms}, *jobs_, *blobs_);
     EXPECT_TRUE(goes(orphan, 10s));
+    EXPECT_TRUE(goes(job.request.input, 10s)) << "clouds do not wait for jobs";
     EXPECT_TRUE(jobs_->find_job("ada", job.id));
+}
+
+TEST_F(HousekeeperTest, ExpiresNothingRightAfterTheStart) {
+    const JobDocument job = submit_simplify();
+    service_.dismiss("ada", job.id);
+    sqlite::Connection(folder_ / "jobs.sqlite")
+        .script("UPDATE jobs SET finished = 0; UPDATE clouds SET used = 0");
+    for (const bool settled : {false, true}) {
+        HousekeeperOptions sweeping = options(0ms);
+        if (settled) sweeping.settling = 0ms;
+        const std::string orphan = put_blob(*blobs_, "orphan");
+        const Housekeeper housekeeper(sweeping, *jobs_, *blobs_);
+        EXPECT_TRUE(goes(orphan, 10s)) << "it does not sweep";
+        EXPECT_EQ(goes(job.request.input, settled ? 10s : 50ms), settled);
+        EXPECT_EQ(jobs_->find_job("ada", job.id).has_value(), !settled);
+    }
 }
 
 TEST_F(HousekeeperTest, RemovesJobsWhoseTimeIsOver) {

@@ -3,6 +3,7 @@
 #include "log_text.hpp"
 
 #include <spdlog/spdlog.h>
+#include <algorithm>
 #include <condition_variable>
 #include <mutex>
 
@@ -49,9 +50,22 @@ void Housekeeper::sweep() {
     candidates_ = std::move(unreferenced);
 
     // Files first: on a full disk no row can be removed before they made room.
-    const std::uint64_t jobs = jobs_.remove_expired_jobs(options_.retention),
-                        clouds = jobs_.remove_expired_clouds(options_.cloud_retention);
+    const std::uint64_t jobs = remove_expired(options_.retention, &JobStore::remove_expired_jobs),
+                        clouds = remove_expired(options_.cloud_retention,
+                                                &JobStore::remove_expired_clouds);
     if (jobs + clouds > 0) spdlog::info("expired.removed jobs={} clouds={}", jobs, clouds);
+}
+
+std::uint64_t Housekeeper::remove_expired(
+    std::chrono::seconds retention, std::uint64_t (JobStore::*remove)(std::chrono::seconds)) try {
+    // What expires is told by the clock, and that of a machine that has just started may yet be set
+    // right. Who keeps things for less than that has asked for them to go.
+    const auto wait = std::min<std::chrono::milliseconds>(options_.settling, retention);
+    if (std::chrono::steady_clock::now() - started_ < wait) return 0;
+    return (jobs_.*remove)(retention);
+} catch (const std::exception& error) {  // the rest may go all the same
+    spdlog::error("housekeeper.failed error={}", log_text(error.what()));
+    return 0;
 }
 
 }  // namespace stipple::server

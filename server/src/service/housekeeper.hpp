@@ -4,6 +4,7 @@
 #include "store/job_store.hpp"
 
 #include <chrono>
+#include <cstdint>
 #include <set>
 #include <string>
 #include <thread>
@@ -11,10 +12,12 @@
 namespace stipple::server {
 
 struct HousekeeperOptions {
-    std::chrono::seconds retention;              ///< of a job and its results after its end
-    std::chrono::seconds cloud_retention;        ///< of a cloud after its last use
-    std::chrono::milliseconds period{60'000};    ///< between two sweeps
-    std::chrono::milliseconds grace{3'600'000};  ///< a blob younger than this is never removed
+    std::chrono::seconds retention;               ///< of a job and its results after its end
+    std::chrono::seconds cloud_retention;         ///< of a cloud after its last use
+    std::chrono::milliseconds period{60'000};     ///< between two sweeps
+    std::chrono::milliseconds grace{3'600'000};   ///< a blob younger than this is never removed
+    std::chrono::milliseconds settling{300'000};  ///< after the start nothing expires for so long,
+                                                  ///< or for its retention if that is shorter
 };
 
 /// Removes expired jobs and clouds, and blobs that no row needs any more. Starts in the
@@ -30,10 +33,13 @@ public:
 private:
     void run(std::stop_token stop);
     void sweep();
+    std::uint64_t remove_expired(std::chrono::seconds retention,
+                                 std::uint64_t (JobStore::*remove)(std::chrono::seconds));
 
     const HousekeeperOptions options_;
     JobStore& jobs_;
     BlobStore& blobs_;
+    const std::chrono::steady_clock::time_point started_ = std::chrono::steady_clock::now();
     std::set<std::string>
         candidates_;  ///< unreferenced at the last sweep; of the thread below only
     std::jthread thread_;

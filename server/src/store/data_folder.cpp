@@ -1,5 +1,6 @@
 #include "store/data_folder.hpp"
 
+#include "store/job_store.hpp"
 #include "store/sqlite_schema.hpp"
 
 #include "stipple/error.hpp"
@@ -27,7 +28,9 @@ Error unusable(const fs::path& folder, const std::string& why) {
 std::optional<fs::path> any_file_in(const fs::path& folder) {
     std::error_code failure;
     if (!fs::is_directory(folder, failure)) return std::nullopt;
-    for (auto entry = fs::recursive_directory_iterator(folder, failure);
+    // A disk that is mounted there may have folders of its own, as `lost+found`.
+    constexpr auto kOwnOnly = fs::directory_options::skip_permission_denied;
+    for (auto entry = fs::recursive_directory_iterator(folder, kOwnOnly, failure);
          !failure && entry != fs::recursive_directory_iterator(); entry.increment(failure)) {
         if (!fs::is_directory(entry->symlink_status())) return entry->path();
     }
@@ -48,6 +51,22 @@ void refuse_foreign(const fs::path& folder) {
                            "folder, put the database back, or move " +
                            own.filename().string() + " elsewhere");
     }
+}
+
+/// A store without any of the files that it names is one whose disk is away: what is stored instead
+/// would vanish when that is back.
+void refuse_without_blobs(const fs::path& folder) {
+    const fs::path blobs = blobs_in(folder), database = database_in(folder);
+    if (any_file_in(blobs) || !is_store(folder)) return;
+    const std::vector<std::string> named = read_referenced_blobs(database);
+    // Looked at again: another process may have stored its first.
+    if (named.empty() || any_file_in(blobs)) return;
+    throw unusable(folder, "its " + database.filename().string() + " names " +
+                               std::to_string(named.size()) + " stored files, but " +
+                               blobs.filename().string() +
+                               (fs::exists(blobs) ? " has none" : " is missing") +
+                               ": mount its disk or put the files back; to begin anew, move " +
+                               database.filename().string() + " elsewhere, or give another folder");
 }
 
 /// Of a server that was killed while it started a job, the job's process still holds the lock until
@@ -117,6 +136,7 @@ void make_data_folder(const fs::path& folder) {
     fs::create_directories(folder, error);
     if (error) throw unusable(folder, "cannot be created: " + error.message());
     refuse_foreign(folder);
+    refuse_without_blobs(folder);
 }
 
 std::vector<FileDescriptor> lock_parts(const fs::path& folder,

@@ -19,8 +19,9 @@ std::filesystem::path scratch_in(const std::filesystem::path& folder);
 /// @throws Error for a database that is damaged, another program's or a newer version's.
 bool is_store(const std::filesystem::path& folder);
 
-/// Makes the folder where there is none. @throws Error(InvalidArgument) when that fails, and for a
-/// folder of somebody else's: not a store, but with files where a store has its own.
+/// Makes the folder where there is none. @throws Error(InvalidArgument) when that fails, for a
+/// folder of somebody else's: not a store, but with files where a store has its own; and for a
+/// store that names files and has none.
 void make_data_folder(const std::filesystem::path& folder);
 
 /// Each part (`api`, `worker`) runs once on a folder: the locks live as long as they are kept.

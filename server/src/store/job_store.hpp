@@ -155,9 +155,10 @@ public:
     virtual bool crashed(const Lease& lease, const std::string& how) = 0;
     /// The disk was full. Back to the queue, or failed by the problem the third time.
     virtual bool ran_out_of_room(const Lease& lease, const proto::Problem& problem) = 0;
-    /// The system that it runs on failed, not the job. Back to the queue, or failed by the problem
-    /// the tenth time.
-    virtual bool put_off(const Lease& lease, const proto::Problem& problem) = 0;
+    /// The system that it runs on failed, not the job. Back to the queue, where it is given to
+    /// nobody for the time of `rest`, or failed by the problem the tenth time.
+    virtual bool put_off(const Lease& lease, const proto::Problem& problem,
+                         std::chrono::milliseconds rest) = 0;
     /// The disk has been full for so long that jobs which wait for room would have been tried
     /// again: counts as a try that ran out of it.
     virtual void still_no_room(std::chrono::milliseconds rest, const proto::Problem& problem) = 0;
@@ -194,6 +195,11 @@ std::unique_ptr<JobStore> open_sqlite_job_store(const std::filesystem::path& fil
 /// `referenced_blobs` of a store that no process writes to, its disk may be read-only. Nothing is
 /// changed.
 std::vector<std::string> read_referenced_blobs(const std::filesystem::path& file);
+
+/// The same of one that is damaged, as far as they can be read; adds to `damage` what kept it from
+/// the rest.
+std::vector<std::string> read_referenced_blobs(const std::filesystem::path& file,
+                                               std::vector<std::string>& damage);
 
 /// What is wrong with the pages of such a store, a line each; nothing when it is intact.
 std::vector<std::string> find_damage(const std::filesystem::path& file);

@@ -27,7 +27,7 @@ std::string file_of(sqlite3* connection) {
     std::string text = "database " + file_of(connection) + ": " + sqlite3_errmsg(connection);
     if (cause != 0) text += ": " + std::generic_category().message(cause);
     if (full) throw proto::StorageFull(text);
-    if (code == SQLITE_BUSY || cause != 0) throw StoreFault(text);
+    if (code == SQLITE_BUSY || code == SQLITE_READONLY || cause != 0) throw StoreFault(text);
     throw Error(ErrorCode::Internal, text);
 }
 
@@ -99,6 +99,11 @@ Connection::Connection(const std::filesystem::path& file, Access access) {
             text += ": " + std::generic_category().message(cause);
         throw Error(ErrorCode::Internal, text);
     }
+    // SQLite makes do with reading where the system refuses to let it write.
+    if (!reading && sqlite3_db_readonly(connection, "main") == 1)
+        throw StoreFault("cannot write " + file.string() +
+                         ": it may only be read: give it, with all of its folder, to the user that "
+                         "runs the server, and mount its disk for writing");
     sqlite3_busy_timeout(connection, 10'000);
 }
 

@@ -7,6 +7,7 @@
 
 #include <spdlog/spdlog.h>
 #include <algorithm>
+#include <array>
 #include <chrono>
 
 namespace stipple::server {
@@ -22,14 +23,21 @@ constexpr double kProgressStep = 1.0;  // percent
 constexpr std::int64_t kCrashesToFail = 2;
 constexpr std::uint64_t kMostLost = 10;  // attempts of a job that are lost with their workers
 constexpr std::uint64_t kMostFull = 3;   // the same on a full disk, with what was lost before
+/// What is removed goes through the log of the database first: on a full disk the reserve has room
+/// for that of so many jobs, not of all.
+constexpr std::int64_t kRemovedAtOnce = 200;
 constexpr std::string_view kWaitsForRoom = "the disk was full: waiting for room";
 
+const std::array<std::string, 4> kBlobsNamed = {
+    "SELECT id FROM clouds", "SELECT sha256 FROM outputs",
+    "SELECT input FROM jobs WHERE status IN ('accepted', 'running')",
+    "SELECT value FROM jobs, json_each(request, '$.candidates') "
+    "WHERE status IN ('accepted', 'running')"};
+const std::string kAllBlobsNamed = kBlobsNamed[0] + " UNION " + kBlobsNamed[1] + " UNION " +
+                                   kBlobsNamed[2] + " UNION " + kBlobsNamed[3];
+
 std::vector<std::string> blobs_named_by(sqlite::Connection& connection) {
-    Rows rows = connection.query(
-        "SELECT id FROM clouds UNION SELECT sha256 FROM outputs UNION "
-        "SELECT input FROM jobs WHERE status IN ('accepted', 'running') UNION "
-        "SELECT value FROM jobs, json_each(request, '$.candidates') "
-        "WHERE status IN ('accepted', 'running')");
+    Rows rows = connection.query(kAllBlobsNamed.c_str());
     std::vector<std::string> blobs;
     while (rows.next()) blobs.push_back(rows.text(0));
     return blobs;
@@ -67,15 +75,19 @@ std::optional<Lease> SqliteJobStore::claim(const QueueLimits& limits,
 }
 
 std::optional<std::int64_t> SqliteJobStore::next_in_queue(const QueueLimits& limits) {
+    // A job that was put off rests, unless the clock was set back since.
     Rows rows = writer_.query(
         "WITH busy AS (SELECT tenant, count(*) AS jobs FROM jobs "
         "              WHERE status = 'running' GROUP BY tenant), "
-        "     head AS (SELECT tenant, min(row) AS row FROM jobs "
-        "              WHERE status = 'accepted' GROUP BY tenant) "
+        "     waiting AS (SELECT DISTINCT tenant FROM jobs WHERE status = 'accepted'), "
+        "     head AS (SELECT tenant, (SELECT row FROM jobs "
+        "                              WHERE jobs.tenant = waiting.tenant AND status = 'accepted' "
+        "                              AND (lease_until <= ?2 OR updated > ?2) "
+        "                              ORDER BY row LIMIT 1) AS row FROM waiting) "
         "SELECT head.row FROM head LEFT JOIN busy USING (tenant) LEFT JOIN turns USING (tenant) "
-        "WHERE coalesce(busy.jobs, 0) < ?1 "
+        "WHERE head.row IS NOT NULL AND coalesce(busy.jobs, 0) < ?1 "
         "ORDER BY coalesce(busy.jobs, 0), coalesce(turns.turn, 0), head.row LIMIT 1",
-        limits.max_running);
+        limits.max_running, now_ms());
     if (!rows.next()) return std::nullopt;
     return rows.integer(0);
 }
@@ -226,10 +238,13 @@ bool SqliteJobStore::ran_out_of_room(const Lease& lease, const proto::Problem& p
     return write_leased(lease, [&](std::int64_t row) { requeue_without_room(row, problem); });
 }
 
-bool SqliteJobStore::put_off(const Lease& lease, const proto::Problem& problem) {
+bool SqliteJobStore::put_off(const Lease& lease, const proto::Problem& problem,
+                             std::chrono::milliseconds rest) {
     return write_leased(lease, [&](std::int64_t row) {
         if (count_lost(row) >= kMostLost) return finish_failed(row, problem);
         requeue(row, "the service could not run it: waiting to try again");
+        // Of a job that waits, the time before which nobody gets it.
+        writer_.run("UPDATE jobs SET lease_until = updated + ?1 WHERE row = ?2", rest.count(), row);
     });
 }
 
@@ -284,7 +299,7 @@ void SqliteJobStore::add_status_event(std::int64_t row, JobStatus status) {
 void SqliteJobStore::requeue(std::int64_t row, const std::string& message) {
     writer_.run(
         "UPDATE jobs SET status = 'accepted', stage = 'queued', message = ?1, progress = 0, "
-        "started = NULL, updated = ?2 WHERE row = ?3",
+        "started = NULL, updated = ?2, lease_until = 0 WHERE row = ?3",
         message, now_ms(), row);
     add_status_event(row, JobStatus::Accepted);
 }
@@ -349,25 +364,37 @@ JobStore::Counts SqliteJobStore::counts() {
     return counts;
 }
 
+template <typename Remove>
+std::uint64_t SqliteJobStore::remove_in_batches(Remove remove) {
+    std::uint64_t removed = 0;
+    for (std::int64_t batch = kRemovedAtOnce; batch == kRemovedAtOnce;) {
+        batch = write(remove);
+        removed += static_cast<std::uint64_t>(batch);
+    }
+    return removed;
+}
+
 std::uint64_t SqliteJobStore::remove_expired_jobs(std::chrono::seconds retention) {
     const std::optional<std::int64_t> before = time_before(retention);
     if (!before) return 0;
-    return write([&] {
-        return static_cast<std::uint64_t>(
-            writer_.run("DELETE FROM jobs WHERE finished < ?1", *before));
+    return remove_in_batches([&] {
+        return writer_.run(
+            "DELETE FROM jobs WHERE row IN (SELECT row FROM jobs WHERE finished < ?1 LIMIT ?2)",
+            *before, kRemovedAtOnce);
     });
 }
 
 std::uint64_t SqliteJobStore::remove_expired_clouds(std::chrono::seconds retention) {
     const std::optional<std::int64_t> before = time_before(retention);
     if (!before) return 0;
-    return write([&] {
-        return static_cast<std::uint64_t>(
-            writer_.run("DELETE FROM clouds WHERE used < ?1 AND NOT EXISTS "
-                        "(SELECT 1 FROM jobs WHERE jobs.tenant = clouds.tenant AND "
-                        "status IN ('accepted', 'running') AND (input = clouds.id OR "
-                        "clouds.id IN (SELECT value FROM json_each(request, '$.candidates'))))",
-                        *before));
+    return remove_in_batches([&] {
+        return writer_.run(
+            "DELETE FROM clouds WHERE row IN (SELECT row FROM clouds WHERE used < ?1 AND NOT "
+            "EXISTS "
+            "(SELECT 1 FROM jobs WHERE jobs.tenant = clouds.tenant AND "
+            "status IN ('accepted', 'running') AND (input = clouds.id OR "
+            "clouds.id IN (SELECT value FROM json_each(request, '$.candidates')))) LIMIT ?2)",
+            *before, kRemovedAtOnce);
     });
 }
 
@@ -387,13 +414,33 @@ std::vector<std::string> read_referenced_blobs(const std::filesystem::path& file
     return blobs_named_by(connection);
 }
 
+std::vector<std::string> read_referenced_blobs(const std::filesystem::path& file,
+                                               std::vector<std::string>& damage) {
+    sqlite::Connection connection(file, sqlite::Access::Read);
+    std::vector<std::string> blobs;
+    for (const std::string& query : kBlobsNamed) {
+        try {
+            Rows rows = connection.query(query.c_str());
+            while (rows.next()) blobs.push_back(rows.text(0));
+        } catch (const Error& error) {
+            const std::string what = std::string("the names of files: ") + error.what();
+            if (damage.empty() || damage.back() != what) damage.push_back(what);
+        }
+    }
+    return blobs;
+}
+
 std::vector<std::string> find_damage(const std::filesystem::path& file) {
     constexpr std::string_view kIntact = "ok";
     sqlite::Connection connection(file, sqlite::Access::Read);
     std::vector<std::string> damage;
-    Rows rows = connection.query("PRAGMA quick_check");
-    while (rows.next())
-        if (rows.text(0) != kIntact) damage.push_back(rows.text(0));
+    try {
+        Rows rows = connection.query("PRAGMA quick_check");
+        while (rows.next())
+            if (rows.text(0) != kIntact) damage.push_back(rows.text(0));
+    } catch (const Error& error) {
+        damage.emplace_back(error.what());
+    }
     return damage;
 }
 

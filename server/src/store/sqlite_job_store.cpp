@@ -183,6 +183,8 @@ SqliteJobStore::SqliteJobStore(const fs::path& file, Sharing sharing)
     sqlite::migrate(writer_);  // first: it refuses what is another's
     use_write_ahead_log(writer_);
     writer_.script("PRAGMA synchronous = FULL; PRAGMA foreign_keys = ON");
+    // What a large change made of the log is given back: of a disk that fills up it is missed.
+    writer_.script("PRAGMA journal_size_limit = 16777216");
     reader_.script("PRAGMA query_only = ON");
     sync_folder(fs::absolute(file).parent_path());
     if (sharing == Sharing::WithOtherProcesses) {

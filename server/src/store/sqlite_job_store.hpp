@@ -66,7 +66,8 @@ public:
     bool fail(const Lease& lease, const proto::Problem& problem) override;
     bool crashed(const Lease& lease, const std::string& how) override;
     bool ran_out_of_room(const Lease& lease, const proto::Problem& problem) override;
-    bool put_off(const Lease& lease, const proto::Problem& problem) override;
+    bool put_off(const Lease& lease, const proto::Problem& problem,
+                 std::chrono::milliseconds rest) override;
     void still_no_room(std::chrono::milliseconds rest, const proto::Problem& problem) override;
     bool release(const Lease& lease) override;
     bool holds(const Lease& lease) override;
@@ -86,6 +87,10 @@ private:
     /// stale.
     template <typename Change>
     bool write_leased(const Lease& lease, Change change);
+
+    /// Runs `remove`, which tells how many rows it removed, until it finds fewer than a batch.
+    template <typename Remove>
+    std::uint64_t remove_in_batches(Remove remove);
 
     // Parts of a write: the caller holds the writer and a transaction.
     std::int64_t insert_job(const std::string& tenant, const proto::JobRequest& request,

@@ -149,7 +149,7 @@ std::size_t check_schema(Connection& connection) {
                         "stippled, or none: give another folder");
     }
     if (present > kSteps.size()) {
-        throw Error(ErrorCode::Internal,
+        throw Error(ErrorCode::InvalidArgument,
                     connection.file() + " has schema " + std::to_string(present) +
                         ", this program knows schemas up to " + std::to_string(kSteps.size()) +
                         ": start the version that wrote it, or a newer one");

@@ -95,7 +95,13 @@ void JobAttempt::run_in(const fs::path& folder, JobRunner& runner) {
     std::vector<std::shared_ptr<const BlobReader>> inputs;
     for (const std::string& id : proto::inputs_of(lease_.request)) {
         inputs.push_back(blobs_.open(id));
-        if (!inputs.back()) throw StoreFault("input " + id + ": its bytes are missing");
+        if (inputs.back()) continue;
+        blobs_.probe();  // a disk that is away as a whole is no fault of the job's
+        spdlog::error("blob.missing sha256={} job={}", id, lease_.job_id);
+        throw Error(ErrorCode::NotFound,
+                    "input " + id +
+                        ": its bytes are missing from the store of the server: upload the cloud "
+                        "again, or repeat the job that made it");
     }
     output_ = folder / "output";
     conclude(runner.run(
@@ -302,7 +308,9 @@ void JobAttempt::put_off(const std::string& fault) {
     needs_rest_ = true;
     tell("put_off");
     spdlog::error("job.put_off id={} error={}", lease_.job_id, log_text(fault));
-    if (taken(jobs_.put_off(lease_, broken_problem()))) log_if_failed();
+    // For longer than the worker rests: another job is tried before it, and does well where the
+    // fault is of this one alone.
+    if (taken(jobs_.put_off(lease_, broken_problem(), 2 * options_.rest))) log_if_failed();
 }
 
 void JobAttempt::log_failed(const proto::Problem& problem) const {
