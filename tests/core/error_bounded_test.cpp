@@ -1,5 +1,6 @@
 #include "stipple/error_bounded.hpp"
 
+#include "analysis/planar_hull.hpp"
 #include "error/error_judge.hpp"
 #include "error/foot_finder.hpp"
 #include "neighbors/point_tree.hpp"
@@ -11,10 +12,12 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <random>
 #include <stop_token>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 namespace stipple {
@@ -360,6 +363,38 @@ TEST(ErrorBounded, KeepsFewPointsOfAWire) {
     const ErrorBoundedCloud found = simplify_within_error(wire, within(0.1));
     EXPECT_LT(found.cloud.size(), 400U);  // where the nearest points counted, all
     EXPECT_LT(measured_again(wire, found.cloud, ErrorSampling::Surface), 0.1);
+}
+
+TEST(ErrorBounded, KeepsBordersAndNeedsFewPointsForThem) {
+    // A cylinder of radius 1 and height 2 that is open above and below.
+    if (test::kSanitized) GTEST_SKIP() << "too slow under a sanitizer";
+    constexpr double kBound = 0.05;
+    std::mt19937_64 random(3);
+    std::uniform_real_distribution<double> turn(0, 2 * std::numbers::pi), up(0, 2);
+    PointCloud cylinder;
+    for (std::size_t i = 0; i < 40'000; ++i) {
+        const double angle = turn(random);
+        cylinder.positions.push_back(
+            Vec3d(std::cos(angle), std::sin(angle), up(random)).cast<float>());
+    }
+    for (const auto& [method, most] :
+         {std::pair(Method::Multiphase, 650U), std::pair(Method::Hierarchical, 1'000U)}) {
+        const PointCloud result = simplify_within_error(cylinder, within(kBound, method)).cloud;
+        EXPECT_LT(result.size(), most) << to_string(method);
+        for (const Vec3f& place : cylinder.positions) {
+            if (std::abs(place.z() - 1) < 0.99F) continue;
+            constexpr std::ptrdiff_t kAround = 20;
+            std::vector<Eigen::Vector2f> around;  // on the unrolled surface
+            for (const Vec3f& p : result.positions)
+                around.emplace_back(std::atan2(place.x() * p.y() - place.y() * p.x(),
+                                               place.x() * p.x() + place.y() * p.y()),
+                                    p.z() - place.z());
+            std::ranges::nth_element(around, around.begin() + kAround, {},
+                                     [](const Eigen::Vector2f& way) { return way.squaredNorm(); });
+            around.resize(kAround);
+            EXPECT_LT(way_to_hull(around), kBound) << to_string(method);
+        }
+    }
 }
 
 TEST(ErrorBounded, DoesNotFailByAPointFarOff) {

@@ -72,8 +72,9 @@ struct ErrorBoundedCloud {
 /// continues until neither rule is needed any more, also at another 800,000 places or as many as
 /// before, unless that takes more than a quarter of the points again.
 ///
-/// Places are looked for no farther beyond a border than `measure_error` draws them: there the
-/// planes through neighbours go on, but the surface does not.
+/// Borders stay where they are to the bound, too: a surface ends at the hull of its points, although
+/// the planes through neighbours go on there, and a place beyond is as far from it as from the hull,
+/// of the 20 points nearest to it. No places are looked for beyond.
 ///
 /// A search ends, whatever it has, once it has looked at 60 million places, 150 more for each of a
 /// million points of the cloud, and 25 for each of the others, a round as one for each point, as it

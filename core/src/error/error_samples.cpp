@@ -221,13 +221,14 @@ std::vector<Vec3f> all_points(const PointTree& tree, const RunContext& context) 
     return points_of(tree, std::views::iota(std::size_t{0}, tree.size()), context);
 }
 
-/// The feet of places near a surface; not a number where there is none.
+/// The feet of places near a surface; not a number where there is none, as beyond its border.
 std::vector<Vec3f> feet_on(const FootFinder& surface, std::span<const Vec3f> places,
                            const RunContext& context) {
     auto feet = made_in_blocks<std::vector<Vec3f>>(places.size(), context);
     const auto found = [&](std::size_t i, const Foot& foot) {
-        feet[i] = foot.on_surface() ? Vec3f(foot.point.cast<float>())
-                                    : Vec3f::Constant(std::numeric_limits<float>::quiet_NaN());
+        const Vec3f place = foot.point.cast<float>();
+        const bool is_there = foot.on_surface() && surface.overhang_of(place, foot).way == 0;
+        feet[i] = is_there ? place : Vec3f::Constant(std::numeric_limits<float>::quiet_NaN());
     };
     surface.find(places, found, context);
     return feet;

@@ -1,5 +1,6 @@
 #include "error/foot_finder.hpp"
 
+#include "analysis/planar_hull.hpp"
 #include "base/parallel_for.hpp"
 #include "error/line_foot.hpp"
 #include "error/plane_kernels.hpp"
@@ -499,6 +500,24 @@ private:
 
 FootFinder::FootFinder(std::span<const Vec3f> points, const PointTree& tree, const Options& options)
     : points_(points), tree_(tree), options_(options) {}
+
+FootFinder::Overhang FootFinder::overhang_of(const Vec3f& place, const Foot& foot) const {
+    Overhang overhang;
+    if (!foot.is_one_sided() && !foot.beyond) return overhang;
+    const Vec3f normal = foot.normal.cast<float>(), u = normal.unitOrthogonal(),
+                v = normal.cross(u);
+    constexpr std::size_t kAround = 20;  // fewer lie on one side by chance
+    std::array<Neighbor, kAround> room;
+    std::array<Eigen::Vector2f, kAround> flat;
+    std::size_t n = 0;
+    for (const Neighbor& neighbor : find_nearest(tree_, place, room)) {
+        const Vec3f way = points_[neighbor.index] - place;
+        overhang.reach = std::max(overhang.reach, way.norm());
+        flat[n++] = {way.dot(u), way.dot(v)};
+    }
+    overhang.way = way_to_hull(std::span(flat).first(n));
+    return overhang;
+}
 
 Vec3f FootFinder::nearest_sample(const Vec3f& place) const {
     Neighbor nearest;

@@ -31,6 +31,8 @@ struct Foot {
     /// Whether the point is also one of the surface: within a knot of samples, which has no normal,
     /// there are fixed points that no surface goes through.
     bool on_surface() const noexcept { return is_fixed() && roundness <= 0.5; }
+    /// Whether it is hardly amid its neighbours, as none at a border is.
+    bool is_one_sided() const noexcept { return off_center > 0.4; }
 };
 
 /// Finds the feet of many queries on the MLS surface of some points, with k nearest neighbours and
@@ -66,6 +68,14 @@ public:
     void find(std::span<const Vec3f> queries,
               const std::function<void(std::size_t, const Foot&)>& found,
               const RunContext& context) const;
+
+    /// How far a place lies beyond where the surface ends, as seen along the normal of its foot:
+    /// planes go on there.
+    struct Overhang {
+        float way = 0;    ///< to the hull of the 20 samples nearest to it, at least; 0 within
+        float reach = 0;  ///< no sample farther from the place changes that
+    };
+    Overhang overhang_of(const Vec3f& place, const Foot& foot) const;
 
     std::span<const Vec3f> points() const noexcept { return points_; }
 

@@ -38,11 +38,9 @@ std::uint64_t name_of(const Vec3f& place) {
     return name;
 }
 
-constexpr double kOneSided = 0.4;  // off the center of its neighbours: hardly in an even piece
-
 /// Whether a foot is not in the middle of an even piece of surface.
 bool is_uneven(const Foot& foot) {
-    return !foot.on_surface() || foot.off_center > kOneSided;
+    return !foot.on_surface() || foot.is_one_sided();
 }
 
 /// How far from a query points have a say in its foot: as far as the neighbourhood of the foot
@@ -96,11 +94,14 @@ Probes ProbedSurface::measure(std::vector<Vec3f> places, const ProbedSurface& ot
     probes.distances.resize(probes.places.size());
     probes.reach.resize(probes.places.size());
     probes.uneven.resize(probes.places.size());
+    std::vector<float> overhangs(probes.places.size());
     other.finder_.find(
         probes.places,
         [&](std::size_t i, const Foot& foot) {
-            probes.distances[i] = static_cast<float>(foot.distance);
-            probes.reach[i] = reach_of(probes.places[i], foot);
+            const FootFinder::Overhang overhang = other.finder_.overhang_of(probes.places[i], foot);
+            overhangs[i] = overhang.way;
+            probes.distances[i] = std::max(static_cast<float>(foot.distance), overhang.way);
+            probes.reach[i] = std::max(reach_of(probes.places[i], foot), overhang.reach);
             probes.uneven[i] = is_uneven(foot) ? 1 : 0;
         },
         context);
@@ -116,7 +117,8 @@ Probes ProbedSurface::measure(std::vector<Vec3f> places, const ProbedSurface& ot
     if (which.size() > std::max(kFew, probes.places.size() / kPart)) return probes;
     const std::vector<double> confirmed = confirmed_distances(other.finder_, again, context);
     for (std::size_t i = 0; i < which.size(); ++i)
-        probes.distances[which[i]] = static_cast<float>(confirmed[i]);
+        probes.distances[which[i]] =
+            std::max(static_cast<float>(confirmed[i]), overhangs[which[i]]);
     return probes;
 }
 
@@ -125,7 +127,7 @@ float ProbedSurface::to_point(const Vec3f& place) const {
 }
 
 bool ProbedSurface::is_beyond_border(const Foot& foot) const {
-    if (foot.off_center <= kOneSided) return false;
+    if (!foot.is_one_sided()) return false;
     const Vec3f place = foot.point.cast<float>();
     std::array<Neighbor, 1> room;
     const Neighbor nearest = find_nearest(tree_, place, room).front();
@@ -174,12 +176,14 @@ PlacesAround ProbedSurface::places_around(std::span<const Vec3f> centers, float 
             constexpr float kTurned = 0.77F;  // cos 40 degrees
             const std::size_t c = i / each;
             const Vec3f place = foot.point.cast<float>();
+            const FootFinder::Overhang overhang = finder_.overhang_of(place, foot);
             found[i] = {.place = place,
-                        .reach = (near[i] - centers[c]).norm() + reach_of(near[i], foot),
+                        .reach = (near[i] - centers[c]).norm() +
+                                 std::max(reach_of(near[i], foot), overhang.reach),
                         .counts = scales[c] > 0 &&
                                   (reading_ == Reading::ByTheLetter ? foot.is_fixed()
                                                                     : foot.on_surface()) &&
-                                  !is_beyond_border(foot),
+                                  overhang.way == 0 && !is_beyond_border(foot),
                         .uneven = is_uneven(foot) ||
                                   std::abs(foot.normal.cast<float>().dot(normals[c])) < kTurned};
         },

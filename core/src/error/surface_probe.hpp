@@ -15,7 +15,7 @@ namespace stipple {
 /// Places of one surface and how far they are from another.
 struct Probes {
     std::vector<Vec3f> places;
-    std::vector<float> distances;
+    std::vector<float> distances;  ///< to the other, also beyond its border, where planes go on
     std::vector<float> reach;  ///< no point of the other farther from a place changes its distance
     std::vector<std::uint8_t> uneven;  ///< whether the other has no even piece of surface there
 
