@@ -364,10 +364,21 @@ JobStore::Counts SqliteJobStore::counts() {
     return counts;
 }
 
+/// So that the next change begins the log anew, which otherwise grows to some megabytes first: on a
+/// full disk these may be missing.
+void SqliteJobStore::give_back_log() {
+    const std::lock_guard lock(writer_mutex_);
+    try {
+        writer_.run("PRAGMA wal_checkpoint(PASSIVE)");
+    } catch (const Error&) {  // the log may have room all the same
+    }
+}
+
 template <typename Remove>
 std::uint64_t SqliteJobStore::remove_in_batches(Remove remove) {
     std::uint64_t removed = 0;
     for (std::int64_t batch = kRemovedAtOnce; batch == kRemovedAtOnce;) {
+        give_back_log();
         batch = write(remove);
         removed += static_cast<std::uint64_t>(batch);
     }

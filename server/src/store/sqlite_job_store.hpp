@@ -91,6 +91,7 @@ private:
     /// Runs `remove`, which tells how many rows it removed, until it finds fewer than a batch.
     template <typename Remove>
     std::uint64_t remove_in_batches(Remove remove);
+    void give_back_log();
 
     // Parts of a write: the caller holds the writer and a transaction.
     std::int64_t insert_job(const std::string& tenant, const proto::JobRequest& request,
