@@ -383,7 +383,7 @@ TEST(ErrorBounded, KeepsBordersAndNeedsFewPointsForThem) {
         EXPECT_LT(result.size(), most) << to_string(method);
         for (const Vec3f& place : cylinder.positions) {
             if (std::abs(place.z() - 1) < 0.99F) continue;
-            constexpr std::ptrdiff_t kAround = 20;
+            constexpr std::ptrdiff_t kAround = 96;
             std::vector<Eigen::Vector2f> around;  // on the unrolled surface
             for (const Vec3f& p : result.positions)
                 around.emplace_back(std::atan2(place.x() * p.y() - place.y() * p.x(),

@@ -74,7 +74,7 @@ struct ErrorBoundedCloud {
 ///
 /// Borders stay where they are to the bound, too: a surface ends at the hull of its points, although
 /// the planes through neighbours go on there, and a place beyond is as far from it as from the hull,
-/// of the 20 points nearest to it. No places are looked for beyond.
+/// of the 96 points nearest to it. No places are looked for beyond.
 ///
 /// A search ends, whatever it has, once it has looked at 60 million places, 150 more for each of a
 /// million points of the cloud, and 25 for each of the others, a round as one for each point, as it

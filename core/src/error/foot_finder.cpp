@@ -501,16 +501,16 @@ private:
 FootFinder::FootFinder(std::span<const Vec3f> points, const PointTree& tree, const Options& options)
     : points_(points), tree_(tree), options_(options) {}
 
-FootFinder::Overhang FootFinder::overhang_of(const Vec3f& place, const Foot& foot) const {
+FootFinder::Overhang FootFinder::overhang_of(const Vec3f& place, const Foot& foot,
+                                             std::size_t count) const {
     Overhang overhang;
     if (!foot.is_one_sided() && !foot.beyond) return overhang;
     const Vec3f normal = foot.normal.cast<float>(), u = normal.unitOrthogonal(),
                 v = normal.cross(u);
-    constexpr std::size_t kAround = 20;  // fewer lie on one side by chance
-    std::array<Neighbor, kAround> room;
-    std::array<Eigen::Vector2f, kAround> flat;
+    std::array<Neighbor, kMostAround> room;
+    std::array<Eigen::Vector2f, kMostAround> flat;
     std::size_t n = 0;
-    for (const Neighbor& neighbor : find_nearest(tree_, place, room)) {
+    for (const Neighbor& neighbor : find_nearest(tree_, place, std::span(room).first(count))) {
         const Vec3f way = points_[neighbor.index] - place;
         overhang.reach = std::max(overhang.reach, way.norm());
         flat[n++] = {way.dot(u), way.dot(v)};

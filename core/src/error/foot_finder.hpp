@@ -72,10 +72,14 @@ public:
     /// How far a place lies beyond where the surface ends, as seen along the normal of its foot:
     /// planes go on there.
     struct Overhang {
-        float way = 0;    ///< to the hull of the 20 samples nearest to it, at least; 0 within
+        float way = 0;    ///< to the hull of the samples nearest to it, at least; 0 within
         float reach = 0;  ///< no sample farther from the place changes that
     };
-    Overhang overhang_of(const Vec3f& place, const Foot& foot) const;
+    static constexpr std::size_t kMostAround = 96;
+    /// @param count  of those samples, up to `kMostAround`. Of fewer than 20 all may lie on one
+    /// side
+    ///               by chance; in noise and where the density is uneven more do.
+    Overhang overhang_of(const Vec3f& place, const Foot& foot, std::size_t count = 20) const;
 
     std::span<const Vec3f> points() const noexcept { return points_; }
 

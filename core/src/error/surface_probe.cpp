@@ -98,7 +98,10 @@ Probes ProbedSurface::measure(std::vector<Vec3f> places, const ProbedSurface& ot
     other.finder_.find(
         probes.places,
         [&](std::size_t i, const Foot& foot) {
-            const FootFinder::Overhang overhang = other.finder_.overhang_of(probes.places[i], foot);
+            FootFinder::Overhang overhang = other.finder_.overhang_of(probes.places[i], foot);
+            if (overhang.way > 0)
+                overhang =
+                    other.finder_.overhang_of(probes.places[i], foot, FootFinder::kMostAround);
             overhangs[i] = overhang.way;
             probes.distances[i] = std::max(static_cast<float>(foot.distance), overhang.way);
             probes.reach[i] = std::max(reach_of(probes.places[i], foot), overhang.reach);
