@@ -2,6 +2,8 @@
 
 #include "http/conditional.hpp"
 
+#include <nlohmann/json.hpp>
+
 namespace stipple::server::http {
 
 namespace {
@@ -37,6 +39,13 @@ Reply document_reply(Resources& resources, const Request& request, const std::st
         request.tenant, request.path_value("id"), name, accepted_file_codings(request), options,
         [&] { return document_turn(resources, request); });
     return file_reply(request, std::move(file), "application/json", "no-cache");
+}
+
+void tell_origin(Reply& reply, const Vec3d& origin) {
+    if (origin.isZero(0)) return;
+    const nlohmann::json place = {origin.x(), origin.y(), origin.z()};
+    const std::string list = place.dump();
+    reply.headers.set("Stipple-Origin", list.substr(1, list.size() - 2));
 }
 
 }  // namespace stipple::server::http

@@ -19,4 +19,7 @@ std::shared_ptr<void> document_turn(Resources& resources, const Request& request
 Reply document_reply(Resources& resources, const Request& request, const std::string& name,
                      const DocumentOptions& options = {});
 
+/// Says what the coordinates of a Draco file are relative to, where that is not zero.
+void tell_origin(Reply& reply, const Vec3d& origin);
+
 }  // namespace stipple::server::http

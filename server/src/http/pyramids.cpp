@@ -201,11 +201,7 @@ Reply get_slice(Resources& resources, Request& request) {
         reply.headers.set("Stipple-Error-Mean", nlohmann::json(*slice.error_mean).dump());
         reply.headers.set("Stipple-Error-Max", nlohmann::json(*slice.error_max).dump());
     }
-    if (options.format == CloudFormat::Draco && !slice.origin.isZero(0)) {
-        const nlohmann::json place = {slice.origin.x(), slice.origin.y(), slice.origin.z()};
-        const std::string list = place.dump();
-        reply.headers.set("Stipple-Origin", list.substr(1, list.size() - 2));
-    }
+    if (options.format == CloudFormat::Draco) tell_origin(reply, slice.origin);
     // The same query gives the same bytes until the server is another one.
     return tagged_reply(request, proto::sha256_hex(slice.bytes),
                         std::string(resources.with_keys ? "private" : "public") + ", max-age=86400",

@@ -1,5 +1,6 @@
 #include "http/conditional.hpp"
 #include "http/job_fields.hpp"
+#include "http/output_reply.hpp"
 #include "http/query.hpp"
 #include "http/routes.hpp"
 #include "http/upload.hpp"
@@ -107,11 +108,7 @@ Reply result_reply(Resources& resources, const Request& request, const proto::Jo
         reply.headers.set("Stipple-Error-Mean", Json(cloud.error->error.mean()).dump());
         reply.headers.set("Stipple-Error-Max", Json(cloud.error->error.max()).dump());
     }
-    if (file.format == CloudFormat::Draco && cloud.origin && !cloud.origin->isZero(0)) {
-        const Json origin = {cloud.origin->x(), cloud.origin->y(), cloud.origin->z()};
-        const std::string list = origin.dump();
-        reply.headers.set("Stipple-Origin", list.substr(1, list.size() - 2));
-    }
+    if (file.format == CloudFormat::Draco && cloud.origin) tell_origin(reply, *cloud.origin);
     return reply;
 }
 
